@@ -143,8 +143,7 @@ void StoreStage::say_damage() const {
 
 runtime::Outcome StoreStage::take_or_hold(const TileMessage& tile) {
   if (!publisher_.believes(source_of(tile.header()))) return hold(tiles_, tile.raw());
-  is_extended_ = tile.header().map_id() != tile.run();
-  take(*tile, tile.raw().bytes);
+  take(tile);
   return runtime::Outcome::kProcessed;
 }
 
@@ -213,7 +212,7 @@ void StoreStage::settle_held() {
     if (is_believed(held)) {
       held.inlet->settle(std::move(held.message), [&](const runtime::Message& m) {
         if (held.inlet == tiles_) {
-          take(message_of<msg::MapTile>(m.bytes), m.bytes);
+          take(TileMessage(m));
         } else if (held.inlet == submaps_) {
           take(SubmapMessage(m));
         } else {
@@ -234,6 +233,11 @@ bool StoreStage::is_believed(const Held& held) const {
   const Source source = source_of(*held.message.header);
   if (held.inlet != poses_) return publisher_.believes(source);
   return publisher_.believes(source, message_of<msg::MapPose>(held.message.bytes).instant_ns());
+}
+
+void StoreStage::take(const TileMessage& tile) {
+  is_extended_ = tile.header().map_id() != tile.run();
+  take(*tile, tile.raw().bytes);
 }
 
 void StoreStage::take(const msg::MapTile& tile, std::span<const std::uint8_t> bytes) {

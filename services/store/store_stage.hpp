@@ -39,6 +39,7 @@ class StoreStage {
   runtime::Outcome take_or_hold(const TileMessage& tile);
   runtime::Outcome take_or_hold(const PoseMessage& pose);
   runtime::Outcome take_or_hold(const SubmapMessage& submap);
+  void take(const TileMessage& tile);
   void take(const msg::MapTile& tile, std::span<const std::uint8_t> bytes);
   bool only_looks(const msg::Header& header) const;
   void take(const PoseMessage& pose);

@@ -107,9 +107,14 @@ class Mapping:
         self.session.put(self.tile_key, self.tile, encoding=messages.encoding("MapTile"))
 
     def stored(self) -> set[bytes]:
-        """The tile that a store answers with."""
-        replies = self.session.get(self.tile_key, timeout=5.0)
-        return {r.ok.payload.to_bytes() for r in replies if r.ok is not None}
+        """The tile and the pose that a store answers with."""
+        remote = zenoh.Locality.REMOTE  # not itself
+        return {
+            r.ok.payload.to_bytes()
+            for key in (self.tile_key, self.key)
+            for r in self.session.get(key, timeout=5.0, allowed_destination=remote)
+            if r.ok is not None
+        }
 
 
 @contextlib.contextmanager
@@ -126,12 +131,15 @@ def store_on(build: Path, tiles: Path, port: int) -> Iterator[subprocess.Popen[s
 
 def until_stored(mapping: Mapping) -> None:
     deadline = time.monotonic() + PATIENCE_S
-    while mapping.tile not in mapping.stored() and time.monotonic() < deadline:
-        mapping.publish_tile()
-        # It has reached the store before the question about the tile does.
-        mapping.publish()
-        time.sleep(0.1)
-    assert mapping.tile in mapping.stored()
+    # A replay's pose is stored only in a map of which a tile is there.
+    for message, publish in (
+        (mapping.tile, mapping.publish_tile),
+        (mapping.pose, mapping.publish),
+    ):
+        while message not in mapping.stored() and time.monotonic() < deadline:
+            publish()
+            time.sleep(0.1)
+        assert message in mapping.stored()
 
 
 def map_in(
