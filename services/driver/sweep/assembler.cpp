@@ -104,8 +104,9 @@ void SweepAssembler::add(std::span<const std::uint8_t> payload, std::int64_t rec
 }
 
 void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {
+  forget_seen_gap(packet.tail);
   std::int64_t missing = missing_before(packet, ahead_ns);
-  if (missing > 0 && lost_again(packet.tail)) missing = 0;
+  if (missing > 0 && lost_again(packet.tail, ahead_ns)) missing = 0;
   lost_before_ = missing;
   counts_.lost += static_cast<std::uint64_t>(missing);
   if (open_) sweep_.packets_lost += static_cast<std::uint32_t>(missing);

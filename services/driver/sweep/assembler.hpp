@@ -121,8 +121,11 @@ class SweepAssembler {
   void process(const Packet& packet, std::int64_t ahead_ns);
   std::int64_t missing_before(const Packet& packet, std::int64_t ahead_ns) const;
   std::int64_t due_ns(const PacketTail& tail) const;
-  bool across_view_gap(const PacketTail& tail) const;
-  bool lost_again(const PacketTail& tail);
+  double rotation_cdeg(std::int64_t time_ns) const;
+  bool within_a_turn(const PacketTail& tail, std::int64_t ahead_ns) const;
+  bool across_view_gap(const PacketTail& tail, std::int64_t ahead_ns) const;
+  bool lost_again(const PacketTail& tail, std::int64_t ahead_ns);
+  void forget_seen_gap(const PacketTail& tail);
   void decode_groups(const PacketPlan& plan, std::int64_t packet_ns, std::int64_t received_ns);
   void count_packet(const PacketPlan& plan);
   void advance_to(const PacketPlan& plan, int group, std::int64_t time_ns);
@@ -153,9 +156,12 @@ class SweepAssembler {
   double last_advance_cdeg_ = 0.0;
   int view_gap_from_cdeg_ = -1;
   int view_gap_to_cdeg_ = -1;
-  /// edges of the last large gap between two packets
-  int lost_from_cdeg_ = -1;
-  int lost_to_cdeg_ = -1;
+  /// a large gap between two packets: in how many successive revolutions it was there, its edges in
+  /// the first of them, and the time of the packet before the last
+  int lost_in_a_row_ = 0;
+  int lost_from_cdeg_ = 0;
+  int lost_to_cdeg_ = 0;
+  std::int64_t lost_at_ns_ = 0;
   /// packets missing just before the packet's first group
   std::int64_t lost_before_ = 0;
   std::vector<Held> held_;

@@ -26,6 +26,10 @@ constexpr int kViewEdgeCdeg = 100;
 constexpr std::int64_t kViewGapTolerance = 32;
 // A smaller gap between packets is never taken for that of a restricted field of view.
 constexpr int kLeastViewGapCdeg = 1000;
+// Packets missing at the same azimuths in this many successive revolutions are the view's gap.
+constexpr int kViewGapTurns = 5;
+// The same where the decoder expects the gap, and only its time was wrong.
+constexpr int kExpectedGapTurns = 2;
 
 }  // namespace
 
@@ -185,32 +189,61 @@ std::int64_t SweepAssembler::due_ns(const PacketTail& tail) const {
   return expected_ns + (expected_gap_ns_ + tail.view_gap_ns) / kViewGapTolerance;
 }
 
-bool SweepAssembler::across_view_gap(const PacketTail& tail) const {
-  if (view_gap_from_cdeg_ < 0) return false;
+double SweepAssembler::rotation_cdeg(std::int64_t time_ns) const {
+  return last_advance_cdeg_ * static_cast<double>(time_ns) / decoder_->shape().group_ns;
+}
+
+/// Whether the motor made no whole revolution from the packet before to this one, which is
+/// ahead_ns later.
+bool SweepAssembler::within_a_turn(const PacketTail& tail, std::int64_t ahead_ns) const {
+  return rotation_cdeg(ahead_ns) <
+         ahead(last_azimuth_cdeg_, tail.first_azimuth_cdeg) + kHalfTurnCdeg;
+}
+
+bool SweepAssembler::across_view_gap(const PacketTail& tail, std::int64_t ahead_ns) const {
+  if (view_gap_from_cdeg_ < 0 || !within_a_turn(tail, ahead_ns)) return false;
   return apart(last_azimuth_cdeg_, view_gap_from_cdeg_) < kViewEdgeCdeg &&
          apart(tail.first_azimuth_cdeg, view_gap_to_cdeg_) < kViewEdgeCdeg;
 }
 
-/// Whether packets seem to be missing at the same azimuths as the time before. That is no loss but
-/// the gap of a restricted field of view that lies between two packets; its edges are then known.
-bool SweepAssembler::lost_again(const PacketTail& tail) {
-  if (ahead(last_azimuth_cdeg_, tail.first_azimuth_cdeg) < kLeastViewGapCdeg) return false;
-  const bool again = lost_from_cdeg_ >= 0 &&
+/// Whether packets seem to be missing at the same azimuths in each of the last revolutions. That is
+/// no loss but the gap of a restricted field of view that lies between two packets; its edges are
+/// then known. They are compared with those of the first of these revolutions: losses that a timer
+/// causes drift.
+bool SweepAssembler::lost_again(const PacketTail& tail, std::int64_t ahead_ns) {
+  const int gap_cdeg = ahead(last_azimuth_cdeg_, tail.first_azimuth_cdeg);
+  if (gap_cdeg < kLeastViewGapCdeg || !within_a_turn(tail, ahead_ns)) return false;
+  const bool again = lost_in_a_row_ > 0 &&
                      apart(last_azimuth_cdeg_, lost_from_cdeg_) < kViewEdgeCdeg &&
-                     apart(tail.first_azimuth_cdeg, lost_to_cdeg_) < kViewEdgeCdeg;
-  lost_from_cdeg_ = last_azimuth_cdeg_;
-  lost_to_cdeg_ = tail.first_azimuth_cdeg;
-  if (again) {
-    view_gap_from_cdeg_ = lost_from_cdeg_;
-    view_gap_to_cdeg_ = lost_to_cdeg_;
+                     apart(tail.first_azimuth_cdeg, lost_to_cdeg_) < kViewEdgeCdeg &&
+                     rotation_cdeg(sensor_ns_ - lost_at_ns_) < kTurnCdeg + kHalfTurnCdeg;
+  lost_at_ns_ = sensor_ns_;
+  if (!again) {
+    lost_in_a_row_ = 1;
+    lost_from_cdeg_ = last_azimuth_cdeg_;
+    lost_to_cdeg_ = tail.first_azimuth_cdeg;
+    return false;
   }
-  return again;
+  if (++lost_in_a_row_ < (expected_gap_ns_ > 0 ? kExpectedGapTurns : kViewGapTurns)) return false;
+  view_gap_from_cdeg_ = lost_from_cdeg_;
+  view_gap_to_cdeg_ = lost_to_cdeg_;
+  return true;
+}
+
+/// A packet from within the gap of the field of view shows that there is none.
+void SweepAssembler::forget_seen_gap(const PacketTail& tail) {
+  if (view_gap_from_cdeg_ < 0) return;
+  const int inside_cdeg = ahead(view_gap_from_cdeg_, tail.first_azimuth_cdeg);
+  const int gap_cdeg = ahead(view_gap_from_cdeg_, view_gap_to_cdeg_);
+  if (inside_cdeg >= kViewEdgeCdeg && inside_cdeg + kViewEdgeCdeg <= gap_cdeg) {
+    view_gap_from_cdeg_ = -1;
+  }
 }
 
 bool SweepAssembler::contiguous(const Packet& packet) const {
   const std::int64_t ahead_ns = 1000 * stamped_after_us(packet);
   return ahead_ns < due_ns(packet.tail) + decoder_->packet_period_ns(packet.tail.mode) / 2 ||
-         across_view_gap(packet.tail);
+         across_view_gap(packet.tail, ahead_ns);
 }
 
 /// Buffers the packet in time order; false if it is there already.
@@ -265,7 +298,8 @@ void SweepAssembler::release_contiguous() {
 /// Starts a new sweep with this packet, ahead_ns after the packet before.
 void SweepAssembler::restart(const Packet& packet, std::int64_t ahead_ns) {
   close(false);
-  view_gap_from_cdeg_ = lost_from_cdeg_ = -1;
+  view_gap_from_cdeg_ = -1;
+  lost_in_a_row_ = 0;
   gaps_ = {};
   expected_ahead_ns_ = ahead_ns;
   expected_gap_ns_ = 0;
@@ -275,7 +309,8 @@ void SweepAssembler::restart(const Packet& packet, std::int64_t ahead_ns) {
 std::int64_t SweepAssembler::missing_before(const Packet& packet, std::int64_t ahead_ns) const {
   const std::int64_t period_ns = decoder_->packet_period_ns(packet.tail.mode);
   const std::int64_t beyond_ns = ahead_ns - due_ns(packet.tail) + period_ns / 2;
-  if (period_ns <= 0 || beyond_ns < period_ns || across_view_gap(packet.tail)) return 0;
+  if (period_ns <= 0 || beyond_ns < period_ns) return 0;
+  if (across_view_gap(packet.tail, ahead_ns)) return 0;
   return beyond_ns / period_ns;
 }
 

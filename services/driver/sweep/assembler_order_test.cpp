@@ -1,6 +1,8 @@
 // Lost, late, duplicate and reordered packets.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "driver/sweep/test_sweeps.hpp"
 
 namespace zloam::driver {
@@ -63,6 +65,39 @@ TEST(Assembler, BothSweepsThatLackPacketsAtTheSeamSaySo) {
   EXPECT_FALSE(sweeps[3].complete);
   EXPECT_TRUE(sweeps[4].complete);
   EXPECT_NEAR(sweeps[3].packets_lost, 200.0 / 4.78, 1.5);
+}
+
+constexpr int kPacketsATurn = 75;
+constexpr std::size_t kLostATurn = 5;
+
+/// The sensor begins each revolution with a packet: the same 24 degrees are lost in these turns.
+PacketCounts without_a_sector_in(const std::vector<int>& turns) {
+  TurningSensor sensor;
+  sensor.rpm = 1e6 * 60.0 / (kPacketsATurn * 12 * sensor.group_us);
+  std::vector<Payload> kept;
+  for (int i = 0; i < 20 * kPacketsATurn; ++i) {
+    const Payload packet = sensor.next();
+    const bool lossy = std::count(turns.begin(), turns.end(), i / kPacketsATurn) > 0;
+    const int in_turn = i % kPacketsATurn;
+    if (!lossy || in_turn < 20 || in_turn >= 25) kept.push_back(packet);
+  }
+  PacketCounts counts;
+  assemble(kept, {}, &counts);
+  return counts;
+}
+
+TEST(Assembler, LossesAtTheSameAzimuthsAreNoViewsGap) {
+  const std::vector<std::vector<int>> cases = {{3, 10}, {3, 4, 5}, {3, 5, 7, 9, 11, 13}};
+  for (const std::vector<int>& turns : cases) {
+    SCOPED_TRACE(turns.size());
+    EXPECT_EQ(without_a_sector_in(turns).lost, turns.size() * kLostATurn);
+  }
+}
+
+TEST(Assembler, ASectorThatIsSeenIsNoLongerAViewsGap) {
+  const std::uint64_t habit = without_a_sector_in({3, 4, 5, 6, 7, 8}).lost;
+  EXPECT_LT(habit, 6 * kLostATurn) << "taken as a view's gap, or this test shows nothing";
+  EXPECT_EQ(without_a_sector_in({3, 4, 5, 6, 7, 8, 12}).lost, habit + kLostATurn);
 }
 
 TEST(Assembler, ALossBeforeTheSeamIsNoneOfTheNextSweep) {
