@@ -9,10 +9,16 @@ namespace {
 constexpr double kMinRpm = 180.0;
 constexpr double kMaxRpm = 1500.0;
 
+// After this much rotation without a gap the field of view is a full one.
+constexpr int kFullViewCdeg = 2 * kTurnCdeg;
+
 int gap_between(const Group& before, const Group& after) {
   const int gap_cdeg = after.azimuth_cdeg - before.azimuth_cdeg;
   return gap_cdeg < 0 ? gap_cdeg + kTurnCdeg : gap_cdeg;
 }
+
+/// Nothing of a small step back by encoder jitter.
+int forward_cdeg(int gap_cdeg) { return gap_cdeg < kHalfTurnCdeg ? gap_cdeg : 0; }
 
 double advance_at(double rpm, double group_ns) { return rpm / 60.0 * kTurnCdeg * group_ns * 1e-9; }
 
@@ -34,6 +40,7 @@ void Motor::measure(PacketPlan& plan) {
   }
   if (const double even_cdeg = even_advance_cdeg(plan); even_cdeg > 0.0) {
     keep(even_cdeg, plan);
+    follow(plan, false);
   } else {
     measure_uneven(plan);
   }
@@ -42,7 +49,7 @@ void Motor::measure(PacketPlan& plan) {
 std::int64_t Motor::view_gap_ns(const PacketPlan& plan) const {
   if (plan.groups == 1 || smooth_advance_cdeg_ <= 0.0 || even_advance_cdeg(plan) > 0.0) return 0;
   const Spread spread = spread_of(plan);
-  return spread.view_group > 0 ? passed_ns(spread.view_gap_cdeg) : 0;
+  return is_view_gap(spread) ? passed_ns(spread.view_gap_cdeg) : 0;
 }
 
 /// Fast path for nearly all packets: if the gaps are this even, all are plausible. 0: they are not.
@@ -88,7 +95,6 @@ Motor::Spread Motor::spread_of(const PacketPlan& plan) const {
   Spread spread;
   const Gaps gaps = gaps_of(plan);
   const int typical = typical_cdeg(gaps);
-  int large = 0;
   for (int i = 0; typical > 0 && i < gaps.count; ++i) {
     const int gap_cdeg = gaps.cdeg[i];
     if (gap_cdeg > 0 && gap_cdeg <= 2 * typical) {
@@ -96,13 +102,35 @@ Motor::Spread Motor::spread_of(const PacketPlan& plan) const {
       ++spread.counted;
     } else if (gap_cdeg > 0 && gap_cdeg < kTurnCdeg - 2 * typical) {
       // A gap near a full revolution is a small step back by encoder jitter, and is excluded here.
-      ++large;
+      ++spread.large;
       spread.view_group = gaps.group_after[i];
       spread.view_gap_cdeg = gap_cdeg;
     }
   }
-  if (large > 1) spread.view_group = 0;
   return spread;
+}
+
+/// Whether the packet's large gap is that of a restricted field of view. In a full view there is
+/// none: the packet's first or last azimuth is damaged. A view that is restricted during a run is
+/// known from its second gap on.
+bool Motor::is_view_gap(const Spread& spread) const {
+  return spread.large == 1 && since_gap_cdeg_ < kFullViewCdeg;
+}
+
+/// Adds up the rotation since the last gap, within a packet or between two.
+void Motor::follow(const PacketPlan& plan, bool gap_within) {
+  int first = 0;
+  while (first < plan.groups && !plan.group[first].valid) ++first;
+  if (first == plan.groups) return;
+  int last = plan.groups - 1;
+  while (!plan.group[last].valid) --last;
+  const int since_cdeg = last_.valid ? gap_between(last_, plan.group[first]) : 0;
+  const bool gap_before =
+      since_cdeg > 2.0 * plan.advance_cdeg && since_cdeg < kTurnCdeg - 2.0 * plan.advance_cdeg;
+  const int within_cdeg = gap_between(plan.group[first], plan.group[last]);
+  const int turned_cdeg = since_gap_cdeg_ + forward_cdeg(since_cdeg) + forward_cdeg(within_cdeg);
+  since_gap_cdeg_ = gap_within || gap_before ? 0 : std::min(turned_cdeg, kFullViewCdeg);
+  last_ = plan.group[last];
 }
 
 void Motor::measure_uneven(PacketPlan& plan) {
@@ -113,7 +141,8 @@ void Motor::measure_uneven(PacketPlan& plan) {
   } else {
     plan.advance_cdeg = last_advance_cdeg_;
   }
-  if (spread.view_group > 0) pass_view_gap(plan, spread);
+  if (is_view_gap(spread)) pass_view_gap(plan, spread);
+  follow(plan, spread.large > 0);
 }
 
 void Motor::keep(double advance_cdeg, PacketPlan& plan) {
@@ -132,10 +161,10 @@ void Motor::measure_by_packets(PacketPlan& plan) {
   if (!plan.group[0].valid) return;
   const std::int64_t ahead_us =
       static_cast<std::int64_t>(plan.toh_us) - static_cast<std::int64_t>(last_toh_us_);
-  const int turned_cdeg = (plan.group[0].azimuth_cdeg - last_azimuth_cdeg_ + kTurnCdeg) % kTurnCdeg;
+  const int turned_cdeg = gap_between(last_, plan.group[0]);
   const double ahead_ns = 1e3 * static_cast<double>(ahead_us);
-  const bool neighbours = last_azimuth_cdeg_ >= 0 && ahead_ns > 0.0 && ahead_ns < 2.0 * group_ns_;
-  last_azimuth_cdeg_ = plan.group[0].azimuth_cdeg;
+  const bool neighbours = last_.valid && ahead_ns > 0.0 && ahead_ns < 2.0 * group_ns_;
+  last_ = plan.group[0];
   last_toh_us_ = plan.toh_us;
   if (!neighbours) return;
   const double advance_cdeg = turned_cdeg * group_ns_ / ahead_ns;

@@ -31,11 +31,12 @@ class Motor {
     std::array<int, kMostGroups> group_after;
     int count = 0;
   };
-  /// What a packet's gaps say: the usual ones, and the only large one between them.
+  /// What a packet's gaps say: the usual ones, and the large one between them.
   struct Spread {
     int sum_cdeg = 0;
     int counted = 0;
-    /// first group behind the gap of the field of view; 0: there is none
+    int large = 0;
+    /// first group behind the last large gap
     int view_group = 0;
     int view_gap_cdeg = 0;
   };
@@ -44,6 +45,8 @@ class Motor {
   static Gaps gaps_of(const PacketPlan& plan);
   int typical_cdeg(const Gaps& gaps) const;
   Spread spread_of(const PacketPlan& plan) const;
+  bool is_view_gap(const Spread& spread) const;
+  void follow(const PacketPlan& plan, bool gap_within);
   bool plausible(double advance_cdeg) const {
     return advance_cdeg >= least_cdeg_ && advance_cdeg <= greatest_cdeg_;
   }
@@ -59,8 +62,11 @@ class Motor {
   double greatest_cdeg_;
   double last_advance_cdeg_ = 0.0;
   double smooth_advance_cdeg_ = 0.0;
-  // of the packet before, for packets of one group only
-  int last_azimuth_cdeg_ = -1;
+  /// rotation without a large gap, up to that of a full field of view
+  int since_gap_cdeg_ = 0;
+  /// last valid group of the packet before
+  Group last_;
+  /// of the packet before, for packets of one group only
   std::uint32_t last_toh_us_ = 0;
 };
 

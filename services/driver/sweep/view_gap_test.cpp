@@ -211,5 +211,68 @@ TEST(ViewGap, AnOutageOfWholeTurnsBetweenItsEdgesIsLost) {
   EXPECT_GE(lost_of(kept), lost_of(fired) + fired.size() - kept.size());
 }
 
+/// The last packet's plan, and the time of a view's gap that its tail names.
+std::pair<PacketPlan, std::int64_t> last_plan(const Sensor& sensor,
+                                              const std::vector<std::vector<Fired>>& fired) {
+  const std::vector<Bytes> packets = packed(sensor, fired);
+  const std::unique_ptr<PacketDecoder> decoder = decoder_of(sensor, packets);
+  std::pair<PacketPlan, std::int64_t> last;
+  for (const Bytes& packet : packets) {
+    const PacketTail tail = decoder->tail(packet);
+    last = {decoder->plan(packet, tail.mode), tail.view_gap_ns};
+  }
+  return last;
+}
+
+TEST(ViewGap, ADamagedAzimuthInAFullViewIsNone) {
+  for (const Sensor& sensor : sensors()) {
+    if (sensor.groups == 1) continue;
+    std::vector<std::vector<Fired>> fired = fired_in_view(sensor, 0.5, 0.0, 360.0);
+    const PacketPlan sound = last_plan(sensor, fired).first;
+    for (const std::size_t group : {std::size_t{0}, sensor.groups - 1}) {
+      SCOPED_TRACE(std::string(sensor.name) + ", group " + std::to_string(group));
+      std::vector<std::vector<Fired>> damaged = fired;
+      int& azimuth_cdeg = damaged.back()[group].azimuth_cdeg;
+      azimuth_cdeg = (azimuth_cdeg + 4000) % kTurnCdeg;
+      const auto [plan, view_gap_ns] = last_plan(sensor, damaged);
+      EXPECT_EQ(plan.gap_before_group, 0);
+      EXPECT_EQ(view_gap_ns, 0);
+      EXPECT_EQ(plan.duration_ns, sound.duration_ns);
+      for (std::size_t g = 0; g < sensor.groups; ++g) {
+        EXPECT_EQ(plan.group[g].offset_ns, sound.group[g].offset_ns);
+      }
+    }
+  }
+}
+
+TEST(ViewGap, AViewRestrictedDuringTheRunIsKnownFromItsSecondGap) {
+  for (const Sensor& sensor : sensors()) {
+    if (sensor.groups == 1) continue;
+    SCOPED_TRACE(sensor.name);
+    std::vector<Fired> groups;
+    for (const std::vector<Fired>& packet : fired_in_view(sensor, 2.0, 0.0, 360.0)) {
+      for (const Fired& fired : packet) {
+        const bool inside = fired.azimuth_cdeg >= 9000 && fired.azimuth_cdeg < 18000;
+        if (fired.at_us < 1.5e6 || inside) groups.push_back(fired);
+      }
+    }
+    std::vector<std::vector<Fired>> fired;
+    for (std::size_t i = 0; i + sensor.groups <= groups.size(); i += sensor.groups) {
+      fired.emplace_back(groups.begin() + static_cast<std::ptrdiff_t>(i),
+                         groups.begin() + static_cast<std::ptrdiff_t>(i + sensor.groups));
+    }
+    const std::vector<Bytes> packets = packed(sensor, fired);
+    SweepAssembler assembler(decoder_of(sensor, packets), {});
+    const std::vector<DecodedSweep> sweeps = test::sweeps_of(assembler, packets);
+    test::expect_in_time_order(sweeps);
+    ASSERT_GT(sweeps.size(), 15U);
+    for (std::size_t i = sweeps.size() - 8; i + 1 < sweeps.size(); ++i) {
+      SCOPED_TRACE(i);
+      EXPECT_TRUE(sweeps[i].complete);
+      EXPECT_LT(greatest_error_ms(sweeps[i]), 1.0);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace zloam::driver
