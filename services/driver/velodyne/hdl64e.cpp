@@ -1,6 +1,7 @@
 #include "driver/velodyne/hdl64e.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <numbers>
@@ -28,18 +29,16 @@ std::size_t laser_of(int bank, int channel) {
   return static_cast<std::size_t>(laser);
 }
 
-/// Whether the blocks are of other banks than an HDL-64E's two: all of the first, or of a third. An
-/// unknown flag alone is damage.
+/// Whether the blocks are of other banks than an HDL-64E's two: all of the first, or several of
+/// further ones (half of a VLS-128's). A single flag is damage.
 bool of_other_model(const std::uint8_t* payload) {
-  bool upper = false;
-  bool lower = false;
+  std::array<int, 4> blocks{};
   for (int k = 0; k < kBlocksPerPacket; ++k) {
     const int bank = bank_of(block_of(payload, k));
-    if (bank > 1) return true;
-    upper = upper || bank == 0;
-    lower = lower || bank == 1;
+    if (bank >= 0) ++blocks[static_cast<std::size_t>(bank)];
   }
-  return upper && !lower;
+  const bool further = blocks[2] + blocks[3] > 1;
+  return further || (blocks[0] > 0 && blocks[1] == 0);
 }
 
 int azimuth_of(const std::uint8_t* block) { return read_u16(block + 2); }

@@ -181,10 +181,14 @@ TEST(Hdl64e, PacketsOfAnotherModelAreNamed) {
   vls128[201] = 0xCC;
   vls128[301] = 0xBB;
   EXPECT_EQ(decoder->tail(vls128).reject, Reject::kModelMismatch);
-  // A damaged flag does not make another sensor.
-  Payload damaged = payload_of(0, 18, false, {}, tail_of(1'000'000));
-  damaged[101] = 0x00;
-  EXPECT_EQ(decoder->tail(damaged).reject, Reject::kNone);
+  // A damaged flag does not make another sensor, whatever it became.
+  for (const std::uint8_t flag : {0x00, 0xCC, 0xBB}) {
+    Payload damaged = payload_of(0, 18, false, {}, tail_of(1'000'000));
+    damaged[101] = flag;
+    const PacketTail tail = decoder->tail(damaged);
+    EXPECT_EQ(tail.reject, Reject::kNone);
+    EXPECT_EQ(decoder->plan(damaged, tail.mode).bad_blocks, 1);
+  }
 }
 
 TEST(Hdl64e, TurnsBecomeSweeps) {
