@@ -93,9 +93,10 @@ void ScanToScan::State::solve(const ScanView& scan, Motion& motion, ScanMotion& 
 }
 
 Pose ScanToScan::State::step_over(double wanted_periods) const {
+  const double predicted_periods = std::min(wanted_periods, kMostPredicted);
   // Without missing sweeps it is the last motion itself, as in A-LOAM.
-  if (wanted_periods == periods) return step;
-  return Motion::of(step).part(std::min(wanted_periods, kMostPredicted) / periods).pose();
+  if (predicted_periods == periods) return step;
+  return Motion::of(step).part(predicted_periods / periods).pose();
 }
 
 // The target is the last sweep that had points, normally the sweep before.

@@ -88,6 +88,25 @@ TEST(ScanToScan, AMissingSweepDistortsNoOther) {
   }
 }
 
+TEST(ScanToScan, TwoLongGapsInARowPredictNoMoreThanTheLimit) {
+  constexpr int kGap = 12;
+  constexpr double kLimit = 10.0;
+  const Eigen::Vector3d step_m(0.05, 0.0, 0.0);
+  ScanToScan odometry(false);
+  ScanMotion before, predicted;
+  for (const int k : {0, 1, 2, 2 + kGap}) {
+    Pose T = Pose::Identity();
+    T.translation() = static_cast<double>(k) * step_m;
+    before = feed(odometry, test::sweep_at(T), k);
+  }
+  ASSERT_TRUE(before.matched);
+  ASSERT_EQ(before.periods, kGap);
+  predicted = feed(odometry, {}, 2 + 2 * kGap);
+  EXPECT_FALSE(predicted.matched);
+  EXPECT_NEAR(predicted.step.translation().norm(), before.step.translation().norm() * kLimit / kGap,
+              1e-6);
+}
+
 TEST(ScanToScan, NamesTheInstantOfItsPose) {
   const ScanView recorded{0, test::kPeriod_ns, false, {}, {}, {}, {}};
   const ScanView moved_to_end{0, test::kPeriod_ns, true, {}, {}, {}, {}};
