@@ -116,6 +116,23 @@ def test_the_source_of_a_live_driver_is_that_of_the_robot_file() -> None:
     assert "driver." not in services("live")["driver"]["environment"]["ZLOAM_SET"]
 
 
+@pytest.mark.parametrize(
+    ("layers", "wanted"),
+    [
+        (("standby",), dict.fromkeys(("registration", "odometry", "mapping", "integration"), 2)),
+        (("replicas",), {"registration": 3}),
+    ],
+)
+def test_several_containers_of_a_stage_share_no_port(
+    layers: tuple[str, ...], wanted: dict[str, int]
+) -> None:
+    """Docker gives a port of the host to one container only: the second would not start."""
+    for found in (services(*layers), services("live", *layers)):
+        numbers = {name: s.get("deploy", {}).get("replicas", 1) for name, s in found.items()}
+        assert {name: n for name, n in numbers.items() if n > 1} == wanted
+        assert [name for name in wanted if found[name].get("ports")] == []
+
+
 @pytest.mark.parametrize("folder", ["results", "capture", "tiles", "./out"])
 def test_the_folder_of_results_is_no_volume(folder: str) -> None:
     found = services("two-robots", ZLOAM_OUT=folder)

@@ -195,6 +195,8 @@ COMMANDS: dict[str, Kind] = {
     "docker compose exec mapping zloam mapping --health": Form("the health check itself"),
     "docker compose -f docker-compose.yml -f deploy/compose/live.yml "
     "-f deploy/compose/standby.yml up -d": Form("tests/system/test_standby.py"),
+    "docker compose -f docker-compose.yml -f deploy/compose/live.yml "
+    "-f deploy/compose/replicas.yml up -d": Form("tests/integration/test_compose_files.py"),
     "ZLOAM_STANDBY=true docker compose up --scale mapping=2": Form("tests/system/test_standby.py"),
     "docker compose -f docker-compose.yml -f deploy/compose/live.yml up -d": Form(
         "tests/system/test_compose_up.py"
