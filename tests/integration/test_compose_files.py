@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -24,13 +25,13 @@ LISTED = re.compile(r"^#?(\w+)=", re.MULTILINE)
 Services = dict[str, dict[str, Any]]
 
 
-def compose(*words: str, **settings: str) -> str:
+def compose(*words: str, folder: Path = ROOT, **settings: str) -> str:
     """Output of `docker compose`, without the settings of whoever runs the tests."""
     kept = {n: v for n, v in os.environ.items() if not n.startswith(("ZLOAM_", "COMPOSE_", "ROS_"))}
     try:
         done = subprocess.run(
             ["docker", "compose", *words],
-            cwd=ROOT,
+            cwd=folder,
             env={**kept, "ZLOAM_PCAP": str(ROOT / ".env"), **settings},
             capture_output=True,
             text=True,
@@ -71,13 +72,21 @@ def test_env_lists_every_setting_of_the_compose_files() -> None:
 
 
 def test_the_deployment_is_what_compose_file_names() -> None:
-    """It stands in .env, so that a later command means the live deployment, too."""
+    """It may stand in .env, so that a later command means the live deployment, too."""
     plain = compose("config", "--services").split()
     live = compose(
         "config", "--services", COMPOSE_FILE="docker-compose.yml:deploy/compose/live.yml"
     ).split()
-    assert re.search("^COMPOSE_FILE=docker-compose.yml$", (ROOT / ".env").read_text(), re.MULTILINE)
     assert set(plain) - set(live) == {"simulate", "monitor", "result"}
+
+
+def test_without_a_layer_compose_looks_for_its_files_as_always(tmp_path: Path) -> None:
+    """From a folder below, and with a user's own override: .env names no files by itself."""
+    for name in (".env", "docker-compose.yml"):
+        shutil.copy(ROOT / name, tmp_path)
+    (tmp_path / "docker-compose.override.yml").write_text("services: { mine: { image: mine } }\n")
+    (tmp_path / "below").mkdir()
+    assert "mine" in compose("config", "--services", folder=tmp_path / "below").split()
 
 
 @pytest.mark.parametrize("layers", [(), ("live",), ("live", "aloam", "views", "observability")])
