@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import subprocess
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -63,12 +64,14 @@ def mounts(service: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {each["target"]: each for each in service["volumes"]}
 
 
-def test_env_lists_every_setting_of_the_compose_files() -> None:
-    listed = set(LISTED.findall((ROOT / ".env").read_text()))
+def test_env_lists_every_setting_of_the_compose_files_once() -> None:
+    """Of two lines the second counts: who sets the first would set nothing."""
+    listed = LISTED.findall((ROOT / ".env").read_text())
     files = [ROOT / "docker-compose.yml", *(ROOT / "deploy/compose").glob("*.yml")]
     used = {name for file in files for name in VARIABLE.findall(file.read_text())}
     assert len(used) > 30
-    assert used - listed == set()
+    assert used - set(listed) == set()
+    assert [name for name, times in Counter(listed).items() if times > 1] == []
 
 
 def test_the_deployment_is_what_compose_file_names() -> None:

@@ -264,14 +264,6 @@ def test_who_tries_the_others_is_there() -> None:
                 assert (ROOT / path).is_file(), command
 
 
-def test_the_settings_of_compose_are_listed() -> None:
-    files = [ROOT / "docker-compose.yml", *(ROOT / "deploy/compose").glob("*.yml")]
-    used = {name for file in files for name in re.findall(r"\$\{([A-Z_]+)", file.read_text())}
-    listed = set(re.findall(r"^#?([A-Z_]+)=", (ROOT / ".env").read_text(), re.MULTILINE))
-    assert {"ZLOAM_PCAP", "ZLOAM_WORLD"} <= used
-    assert used - listed == set()
-
-
 def test_each_folder_of_services_is_described() -> None:
     folders = {path.name for path in (ROOT / "services").iterdir() if (path / "README.md").exists()}
     text = (ROOT / "services/README.md").read_text()
