@@ -16,5 +16,6 @@ if [ "${1:-}" = --prebuilt ]; then
   deploy/build/rust.sh --router deploy/docker/prebuilt/zloam-router
 fi
 # Under this profile compose/live.yml has the services of a replay, and so the monitor's image.
-docker compose --profile replay build
+# replay.yml and imu.yml require a file to replay, which no image holds.
+ZLOAM_PCAP=. ZLOAM_IMU=. docker compose --profile replay build
 docker image inspect --format '{{index .RepoTags 0}} {{.Size}} bytes' zenoh-loam zenoh-loam-router zenoh-loam-monitor
