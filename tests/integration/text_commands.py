@@ -202,7 +202,10 @@ COMMANDS: dict[str, Kind] = {
         "tests/system/test_compose_up.py"
     ),
     "docker compose -f docker-compose.yml -f deploy/compose/live.yml "
-    "-f deploy/compose/secured.yml up -d": Form("tests/system/test_secured.py"),
+    "-f deploy/compose/secured.yml up -d": Form(
+        "tests/integration/test_compose_files.py, and of the router tests/system/test_secured.py"
+    ),
+    "docker compose logs router": Form("Compose: what the router printed"),
     "docker run --rm zenoh-loam driver --help": Form("tests/system/test_compose_up.py"),
     "docker kill": Form("tests/system/test_replicas.py, by kill -9"),
     "docker tag zenoh-loam:arm64 zenoh-loam": Form("nobody: a name more for an image"),
