@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -12,6 +13,9 @@ import zenoh
 
 from zloam_monitor import cli, discovery
 from zloam_monitor.processes import free_port
+
+
+pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")
 
 
 def opened(tls: dict[str, object], where: str) -> zenoh.Session:
