@@ -14,7 +14,6 @@ import zenoh
 from zloam_monitor import cli, discovery
 from zloam_monitor.processes import free_port
 
-
 pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")
 
 
