@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from zloam_monitor.accounting import Accounts, account
@@ -147,6 +149,19 @@ def test_losses_of_earlier_runs_excuse_none_of_the_last() -> None:
     )
     assert found.given_up == {"odometry.lost": 60}
     assert not found.sweeps_accounted
+
+
+def test_an_old_status_of_the_driver_is_no_second_run() -> None:
+    """It was killed 8 sweeps after its last status; its reader saw the others, of the same run."""
+    whole = SWEEPS + 8
+    others = ("registration", "odometry", "mapping", "integration")
+    found = books(
+        status("driver", SWEEPS),
+        *(replace(status(stage, whole), last_sweep=whole - 1) for stage in others),
+        poses=whole,
+    )
+    assert not found.several_runs
+    assert "131 sweeps, but 139 poses and 0 given up" in found.complaints()
 
 
 @pytest.mark.parametrize("out", [20, 200])

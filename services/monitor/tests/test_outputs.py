@@ -95,13 +95,15 @@ def test_files_of_an_earlier_run_of_the_stages_are_not_the_run(tmp_path: Path, n
 
 
 def counted(run: int, poses: int, driver: int | None = None) -> dict[str, StatusRecord]:
-    """Statuses of stages that published so many sweeps each; the driver may have begun again."""
+    """Statuses of stages that published so many sweeps each; the driver may have begun again,
+    and the run that all are in has its sweeps only."""
     found = {}
+    last = (poses if driver is None else driver) - 1
     for stage in STAGES:
         count = driver if stage == "driver" and driver is not None else poses
         name = KEYS.main_input(stage)
         inputs = (Input(name, count, count, 0, 0, 0, {}, 0, 0),) if name else ()
-        made = status(stage, run=run, last_sweep=count - 1, inputs=inputs, cpu_ms=10.0 * count)
+        made = status(stage, run=run, last_sweep=last, inputs=inputs, cpu_ms=10.0 * count)
         found[stage] = replace(made, published={KEYS.main_output(stage): count})
     return found
 
@@ -149,7 +151,10 @@ def test_a_reference_by_sweep_number_is_of_this_drive(
     truth.transforms[:, 0, 3] = np.arange(poses) - 0.5
     found = followed(tmp_path, replace(run, truths={"07.txt": truth}))
     assert list(found["references"]) == (["07.txt"] if error_known else [])
-    said = "the reference 07.txt has no times and 60 poses, the run 20 sweeps: no error against it"
+    said = (
+        "the reference 07.txt has no times and 60 poses, the run 20 sweeps: no error against it; "
+        "cut it to the drive's scans, or give one with times (TUM)"
+    )
     assert found["no_reference"] == ([] if error_known else [said])
     assert (said in report.table(found)) != error_known
     if error_known:

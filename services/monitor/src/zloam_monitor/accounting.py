@@ -148,13 +148,24 @@ def _given_up(
     return _nonzero(found)
 
 
-def _of_all_runs(stages: dict[str, StageSweeps]) -> StageSweeps | None:
+def _counts_several_runs(stage: str, status: StatusRecord, keys: Keys) -> bool:
+    """True if it has published more sweeps than there are in its own run, whose last it names. The
+    driver's status may be older than the others': more sweeps than in that are no other run."""
+    of_this_run = 0 if status.last_sweep is None else status.last_sweep + 1
+    return status.published.get(keys.main_output(stage), 0) > of_this_run
+
+
+def _of_all_runs(
+    stages: dict[str, StageSweeps], statuses: dict[str, StatusRecord], keys: Keys
+) -> StageSweeps | None:
     """The driver's sweeps in all runs that the other stages have counted, as its reader saw them;
     None if they have counted no more than the driver's last run."""
     if any(stage not in stages for stage in POSE_PATH):
         return None
     driver, *others = (stages[stage] for stage in POSE_PATH)
     if any(stage.went_out <= driver.came_in for stage in others):
+        return None
+    if not all(_counts_several_runs(each, statuses[each], keys) for each in POSE_PATH[1:]):
         return None
     # `came_in` has no second copies. What comes late was counted as lost before.
     foreign = {"late", *NO_SWEEP_GIVEN_UP} - {"duplicate"}
@@ -169,7 +180,7 @@ def account(
     """Accounts from the last status of each stage and the number of distinct sweeps for which a
     pose was received."""
     stages = {s: _stage_sweeps(s, statuses[s], keys) for s in STAGES if s in statuses}
-    driver = _of_all_runs(stages)
+    driver = _of_all_runs(stages, statuses, keys)
     counted = stages if driver is None else {**stages, "driver": driver}
     sweeps = counted["driver"].came_in if "driver" in counted else 0
     published = stages["integration"].went_out if "integration" in stages else 0
