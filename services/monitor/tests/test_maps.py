@@ -61,6 +61,32 @@ def test_points_of_a_file_without_layers_are_plane(made: PointMap, tmp_path: Pat
     assert set(maps.read(tmp_path / "survey.las").layers) == {1}
 
 
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [("float64", (0.0, 300.0)), ("float64", (1.0, np.nan)), ("uint16", (0, 256))],
+)
+def test_another_program_s_layers_are_none_of_a_map(
+    made: PointMap, tmp_path: Path, kind: str, values: tuple[float, float]
+) -> None:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.add_extra_dim(laspy.ExtraBytesParams("layer", kind))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = made.xyz.T
+    las["layer"] = np.resize(values, las["layer"].shape)
+    las.write(tmp_path / "survey.las")
+    assert set(maps.read(tmp_path / "survey.las").layers) == {1}
+
+
+def test_a_layer_that_came_back_as_a_float_is_the_same(made: PointMap, tmp_path: Path) -> None:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.add_extra_dim(laspy.ExtraBytesParams("layer", "float32"))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = made.xyz.T
+    las["layer"] = made.layers.astype(np.float32)
+    las.write(tmp_path / "edited.las")
+    assert (maps.read(tmp_path / "edited.las").layers == made.layers).all()
+
+
 def test_a_map_that_mapping_wrote_is_read(made: PointMap, tmp_path: Path) -> None:
     clouds.write_pcd(tmp_path / "map.pcd", made.points, made.layers)
     assert (maps.read(tmp_path / "map.pcd").points == made.points).all()

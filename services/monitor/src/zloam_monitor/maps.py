@@ -91,9 +91,18 @@ def _map_of(found: NDArray[Any], path: Path) -> PointMap:
     intensity = next((n for n in ("intensity", "reflectivity") if n in names), None)
     if intensity:
         points["intensity"] = found[intensity]
-    # LAS files of other programs have no layer; each has user data, which may be anything.
-    layers = found["layer"].astype(np.uint8) if "layer" in names else np.ones(len(found), np.uint8)
-    return PointMap(points, layers, int((~finite).sum()))
+    return PointMap(points, _layers(found), int((~finite).sum()))
+
+
+def _layers(found: NDArray[Any]) -> NDArray[np.uint8]:
+    """The layer of each point: all plane in a file without layers. Other programs have dimensions
+    of this name with another meaning, so it counts only if each value is one of ours; of any type,
+    because programs that show our maps write whole columns back as floats."""
+    if "layer" in (found.dtype.names or ()):
+        layer = found["layer"]
+        if np.isin(layer, range(len(clouds.POINT_LAYERS))).all():
+            return layer.astype(np.uint8)
+    return np.ones(len(found), np.uint8)
 
 
 def _refuse_if_rounded(xyz: NDArray[np.float64], path: Path) -> None:
