@@ -136,3 +136,28 @@ def test_numbers_go_on_in_another_run_or_begin_again(
     publish(session, 0, 1, 2, 3, 4)
     publish(session, *in_second_run, run=2)
     assert intake.lost() == ({"loam/robot/pose": lost} if lost else {})
+
+
+@pytest.mark.parametrize(
+    ("runs_and_numbers", "lost"),
+    [
+        # Of another run, or of none, one message alone comes, late.
+        (((1, 1), (0, 0), (1, 2), (1, 3)), 0),
+        (((1, 2), (0, 0), (1, 3), (1, 4)), 0),
+        (((2, 10), (1, 8), (2, 11), (2, 12)), 0),
+        (((2, 10), (1, 8), (2, 11), (2, 14)), 2),
+        (((2, 10), (1, 8), (3, 12)), 1),
+        # The publisher was started again, and the last message from before comes late.
+        (((1, 3), (1, 4), (2, 0), (1, 5), (2, 1)), 0),
+        # Before its first run it sets none.
+        (((0, 0), (0, 1), (1, 2), (0, 3), (1, 5)), 1),
+        (((0, 0), (0, 3), (0, 1), (1, 4)), 1),
+    ],
+)
+def test_an_overtaken_message_of_another_run_is_no_new_beginning(
+    session: FakeSession, runs_and_numbers: tuple[tuple[int, int], ...], lost: int
+) -> None:
+    intake = opened(session)
+    for run, number in runs_and_numbers:
+        publish(session, number, run=run)
+    assert intake.lost() == ({"loam/robot/pose": lost} if lost else {})

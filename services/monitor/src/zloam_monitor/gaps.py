@@ -31,44 +31,65 @@ def number_of(payload: bytes) -> Number | None:
     return None
 
 
-class Numbers:
-    """The numbers of one publisher's messages on one key, which are consecutive. It may go on
-    counting in another run, as the stages do, or begin again from 0, as it does at its start: a
-    program with a fixed name has the same one after it."""
+class _Series:
+    """Consecutive numbers, of which some have arrived."""
 
-    def __init__(self, first: Number) -> None:
-        self._lost_before = 0
-        self._runs = {first.run}
-        self._begin(first.seq)
-
-    def _begin(self, number: int) -> None:
-        self._first = self._newest = number
+    def __init__(self, first: int) -> None:
+        self._first = self.newest = first
         self._arrived = 1
         #: Bit n is set if the message with the number newest - n has arrived.
         self._seen = 1
 
-    def take(self, taken: Number) -> None:
+    def take(self, number: int) -> None:
         """Counts a message, also one that was overtaken; not one that comes again, nor one from
         before the first."""
-        number = taken.seq
-        ahead = number - self._newest
-        in_new_run = taken.run not in self._runs
-        self._runs.add(taken.run)
+        ahead = number - self.newest
         if ahead > 0:
-            self._newest = number
+            self.newest = number
             self._seen = (self._seen << min(ahead, WINDOW) | 1) & ((1 << WINDOW) - 1)
             self._arrived += 1
-        elif in_new_run or ahead <= -WINDOW:
-            self._lost_before = self.lost
-            self._begin(number)
         elif number >= self._first and not self._seen >> -ahead & 1:
             self._seen |= 1 << -ahead
             self._arrived += 1
 
     @property
     def lost(self) -> int:
-        """Messages between the first and the newest one that have not arrived."""
-        return self._lost_before + self._newest - self._first + 1 - self._arrived
+        return self.newest - self._first + 1 - self._arrived
+
+
+class Numbers:
+    """The numbers of one publisher's messages on one key, which are consecutive. It may go on
+    counting in another run, as the stages do, or begin again from 0, as a program with a fixed name
+    does at its start. A run keeps to the series of its first message, so that one that was
+    overtaken from an earlier run is not taken for a new beginning of the series at work."""
+
+    def __init__(self, first: Number) -> None:
+        self._series = [_Series(first.seq)]
+        #: Run -> its series.
+        self._of_run = {first.run: self._series[0]} if first.run else {}
+
+    def take(self, taken: Number) -> None:
+        """Counts a message once."""
+        series = self._series_of(taken)
+        if series is None or taken.seq <= series.newest - WINDOW:
+            series = _Series(taken.seq)
+            self._series.append(series)
+        if taken.run:
+            self._of_run[taken.run] = series
+        series.take(taken.seq)
+
+    def _series_of(self, taken: Number) -> _Series | None:
+        """None: a new one. A run of which nothing came goes on with the nearest number below."""
+        if known := self._of_run.get(taken.run):
+            return known
+        below = [series for series in self._series if series.newest < taken.seq]
+        nearest = max(below, key=lambda series: series.newest, default=None)
+        return self._series[-1] if nearest is None and not taken.run else nearest
+
+    @property
+    def lost(self) -> int:
+        """Messages between the first and the newest one of each series that have not arrived."""
+        return sum(series.lost for series in self._series)
 
 
 class Gaps:
