@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from fake_session import FakeSession
-from zloam_monitor import compose, follow, link, messages, outputs, references, report
+from zloam_monitor import cli, compose, follow, link, messages, outputs, references, report
 from zloam_monitor.chain import ChainError
 from zloam_monitor.kept_poses import KeptPoses
 from zloam_monitor.keys import Keys
@@ -115,6 +115,21 @@ def test_they_end_also_where_the_run_can_not_be_followed(
     assert int((tmp_path / "ended").read_text()) >= time.time() - follow.SAID_SECONDS
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--config", "none.yaml"),
+        ("--set", "zenoh.base_port=many"),
+        ("--connect", "tcp//"),
+    ],
+)
+def test_they_end_also_where_a_setting_is_refused(tmp_path: Path, words: tuple[str, str]) -> None:
+    ended_file = tmp_path / "ended"
+    where = ("--out", str(tmp_path / "out"), "--ended-file", str(ended_file))
+    assert cli.main(["follow", *words, *where]) in (2, 3)
+    assert ended_file.exists()
+
+
 def test_an_interrupt_ends_nobody_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(_: object) -> dict[str, Any]:
         raise KeyboardInterrupt
@@ -170,7 +185,7 @@ def test_who_does_not_end_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], start: Callable[[Path, float], Stage]
 ) -> None:
     start(tmp_path / "ended", 60.0)
-    follow._let_end(options(tmp_path, tmp_path / "ended"), seconds=0.3)
+    follow._let_end(tmp_path / "ended", seconds=0.3)
     assert capsys.readouterr().out.startswith("not all of the run have ended within 0 s")
 
 

@@ -292,20 +292,24 @@ def follow(
     from zloam_monitor.keys import Keys
     from zloam_monitor.settings import several
 
-    file = config or places.robot_file("vlp16-outdoor")
-    names = robot_file.names(file, [*(settings or []), *several(many_settings)])
-    keys = Keys(names.robot if robot is None else robot, names.sensor if sensor is None else sensor)
-    endpoints = [discovery.endpoint_of(each) for each in common.endpoints(connect)]
-    options = follower.FollowOptions(
-        keys=keys,
-        connect=endpoints or discovery.candidates(),
-        out=out,
-        title=title,
-        truth=truth or [],
-        ready_file=ready_file,
-        ended_file=ended_file,
-        patience_s=patience,
-    )
+    with follower.others_end(ended_file):
+        file = config or places.robot_file("vlp16-outdoor")
+        names = robot_file.names(file, [*(settings or []), *several(many_settings)])
+        keys = Keys(
+            names.robot if robot is None else robot,
+            names.sensor if sensor is None else sensor,
+        )
+        endpoints = [discovery.endpoint_of(each) for each in common.endpoints(connect)]
+        options = follower.FollowOptions(
+            keys=keys,
+            connect=endpoints or discovery.candidates(),
+            out=out,
+            title=title,
+            truth=truth or [],
+            ready_file=ready_file,
+            ended_file=ended_file,
+            patience_s=patience,
+        )
     return report.exit_code(follower.follow(options))
 
 

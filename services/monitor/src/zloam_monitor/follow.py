@@ -5,6 +5,8 @@ from __future__ import annotations
 import fcntl
 import math
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -104,14 +106,14 @@ def _all_ended(running_file: Path) -> bool:
     return True
 
 
-def _let_end(options: FollowOptions, seconds: float = END_SECONDS) -> None:
+def _let_end(ended_file: Path | None, seconds: float = END_SECONDS) -> None:
     """Announces the end of the run and waits until its processes have ended, so that the table is
     printed after their output."""
-    if options.ended_file is None:
+    if ended_file is None:
         return
-    with written_whole(options.ended_file) as out:
+    with written_whole(ended_file) as out:
         out.write(f"{math.ceil(time.time() + NOTICE_SECONDS)}\n")
-    running_file = options.ended_file.with_name(options.ended_file.name + RUNNING_SUFFIX)
+    running_file = ended_file.with_name(ended_file.name + RUNNING_SUFFIX)
     deadline = time.monotonic() + seconds
     while not _all_ended(running_file):
         if time.monotonic() > deadline:
@@ -121,15 +123,22 @@ def _let_end(options: FollowOptions, seconds: float = END_SECONDS) -> None:
     time.sleep(SAID_SECONDS)
 
 
+@contextmanager
+def others_end(ended_file: Path | None) -> Iterator[None]:
+    """On an error here the other processes end: they wait for the end file in any case."""
+    try:
+        yield
+    except Exception:
+        _let_end(ended_file)
+        raise
+
+
 def follow(options: FollowOptions) -> dict[str, Any]:
     """Waits for a run and its end, writes report and picture, prints the table, and returns the
     report."""
-    try:
+    with others_end(options.ended_file):
         found = _follow(options)
-    except Exception:  # The other processes wait for the end file in any case.
-        _let_end(options)
-        raise
-    _let_end(options)
+    _let_end(options.ended_file)
     print(report.table(found))
     return found
 
