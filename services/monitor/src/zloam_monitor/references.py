@@ -33,7 +33,7 @@ def of_drive(
     }
     remarks = [
         f"the reference {name} has no times and {poses} poses, the run {sweeps} sweeps: no error "
-        "against it"
+        "against it; cut it to the drive's scans, or give one with times (TUM)"
         for name, poses in others.items()
     ]
     return {name: truth for name, truth in truths.items() if name not in others}, remarks
