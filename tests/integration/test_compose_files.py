@@ -30,7 +30,11 @@ DOCKER = """#!/bin/bash
 Services = dict[str, dict[str, Any]]
 
 
-def compose(*words: str, folder: Path = ROOT, **settings: str) -> str:
+def compose(*words: str, **settings: str) -> str:
+    return compose_in(ROOT, *words, **settings)
+
+
+def compose_in(folder: Path, /, *words: str, **settings: str) -> str:
     """Output of `docker compose`, without the settings of whoever runs the tests."""
     kept = {n: v for n, v in os.environ.items() if not n.startswith(("ZLOAM_", "COMPOSE_", "ROS_"))}
     try:
@@ -93,7 +97,7 @@ def test_without_a_layer_compose_looks_for_its_files_as_always(tmp_path: Path) -
         shutil.copy(ROOT / name, tmp_path)
     (tmp_path / "docker-compose.override.yml").write_text("services: { mine: { image: mine } }\n")
     (tmp_path / "below").mkdir()
-    assert "mine" in compose("config", "--services", folder=tmp_path / "below").split()
+    assert "mine" in compose_in(tmp_path / "below", "config", "--services").split()
 
 
 @pytest.mark.parametrize("layers", [*((layer,) for layer in LAYERS), ("live", "aloam", "views")])
