@@ -101,7 +101,7 @@ def test_a_new_odometry_frame_goes_on_where_the_last_pose_was(
     last, _ = run.killed("odometry", "mapping")
     assert "a new odom frame begins" in (tmp_path / "odometry-again.log").read_text()
     way_m = np.linalg.norm(last.translation)
-    assert way_m > 5.0
+    assert way_m > 2.0
     after = [p for p in run.mapped.values() if p.instant_ns > last.instant_ns]
     assert after
     assert min(np.linalg.norm(p.translation) for p in after) > 0.5 * way_m
@@ -118,7 +118,7 @@ def test_its_mapping_refuses_to_find_the_robot_in_a_stored_map(
         ("--config", robot_file, "--set", f"mapping.mode={mode}"),
         ("--config", written),
     ):
-        command = [build / "bin" / f"zloam-{ALOAM['mapping']}", "--check", *words]
+        command = [build / "bin" / f"zloam-{ALOAM['mapping']}", "--check-config", *words]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 2, done.stderr
         assert f"mapping.mode: {mode} needs the mapping stage itself" in done.stdout + done.stderr
