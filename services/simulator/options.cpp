@@ -218,8 +218,8 @@ void add_options(CLI::App& app, Options& o, Raw& raw) {
   add_world_options(app, o, raw);
   add_outputs(app, o);
   add_imu_options(app, o, raw);
-  CLI::Option* hokuyo = app.add_flag(
-      "--hokuyo", o.scans, "Simulate a Hokuyo UTM-30LX on a motor instead of the VLP-16");
+  CLI::Option* hokuyo = app.add_flag("--hokuyo", o.scans,
+                                     "Simulate a Hokuyo UTM-30LX on a motor instead of the VLP-16");
   for (CLI::Option* option : added(app, [&] { add_scanner_options(app, o, raw); })) {
     option->needs(hokuyo);
   }

@@ -132,8 +132,14 @@ TEST(ScanRegistration, LeavesOutTheLowestRingsOfAnHdl64eAsReleased) {
   const SensorDefaults car = defaults_of("HDL-64E S2"), other = defaults_of("VLP-16");
   const auto rejected = [](double elevation_deg, const SensorDefaults& sensor) {
     const double rad = elevation_deg * M_PI / 180.0;
-    const Point p{static_cast<float>(8.0 * std::cos(rad)), 0.0F,
-                  static_cast<float>(8.0 * std::sin(rad)), 0.0F, 0, 0, ReturnType::kStrongest, 0};
+    const Point p{static_cast<float>(8.0 * std::cos(rad)),
+                  0.0F,
+                  static_cast<float>(8.0 * std::sin(rad)),
+                  0.0F,
+                  0,
+                  0,
+                  ReturnType::kStrongest,
+                  0};
     return extract_features({&p, 1}, sensor.min_range_m, sensor.elevations).rejected;
   };
   // A-LOAM's ring of an elevation below -8.83 degrees; it uses rings 0 to 50.

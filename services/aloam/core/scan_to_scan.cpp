@@ -153,8 +153,8 @@ void ScanToScan::restore(const ScanMotion& last) {
   s.T_odom_lidar = last.T_odom_lidar;
   s.step = last.step;
   s.periods = last.periods;
-  s.target.emplace(Target{RingTarget(last.edges), RingTarget(last.planes), last.T_odom_lidar,
-                          last.instant_ns});
+  s.target.emplace(
+      Target{RingTarget(last.edges), RingTarget(last.planes), last.T_odom_lidar, last.instant_ns});
 }
 
 void ScanToScan::reset() {

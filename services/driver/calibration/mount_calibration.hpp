@@ -34,7 +34,7 @@ struct Unknown {
 struct MountCalibration {
   /// corrections of the initial mount across the motor's axis, in a frame whose x lies along it
   Unknown pitch_deg, yaw_deg, y_m, z_m;
-  Unknown delay_ms;            ///< of the angles' stamps against the lines'
+  Unknown delay_ms;  ///< of the angles' stamps against the lines'
   /// of the points about their planes, one sigma, before and after the calibration
   double before_m = 0.0;
   double after_m = 0.0;
