@@ -6,19 +6,12 @@
 #include <utility>
 
 #include "common/messages/key_match.hpp"
-#include "common/zenoh/aligned.hpp"
-#include "store/earlier_maps.hpp"
 
 namespace zloam::store {
 namespace {
 
 constexpr std::uint64_t kMiB = 1U << 20;
-constexpr std::chrono::seconds kFetchTimeout{20};
-// Less than a process has from the signal on (9 s), with time left to write what came.
-constexpr std::chrono::seconds kStopPatience{6};
 constexpr std::chrono::milliseconds kStopDrain{1500};
-// Answers wait in memory for no longer than that.
-constexpr std::chrono::milliseconds kStopLook{200};
 // Attempts to fetch the map: under load, answers may be overwritten in shared memory before they
 // are copied.
 constexpr int kFetches = 3;
@@ -53,17 +46,6 @@ Buffer buffer_of(const std::vector<std::uint8_t>& bytes) {
 }
 
 double mib(std::uint64_t bytes) { return static_cast<double>(bytes) / static_cast<double>(kMiB); }
-
-template <class T>
-bool is_of_replay(const StoredMessage& m) {
-  return verify<T>(m.payload, m.encoding).ok() && message_of<T>(m.payload).header()->replay();
-}
-
-/// False: surely a replay's, or the store's own record of its map, which has no encoding.
-bool may_be_live(const StoredMessage& m) {
-  return !m.encoding.empty() && !is_of_replay<msg::MapPose>(m) && !is_of_replay<msg::Submap>(m) &&
-         !is_of_replay<msg::MapTile>(m);
-}
 
 }  // namespace
 
@@ -319,83 +301,6 @@ void StoreStage::take(const SubmapMessage& submap) {
   put_early_pose();
 }
 
-/// A live drive can't be repeated; the map of a replay can be made again from its recording. A part
-/// of a live run is enough: a replay may have extended its map.
-bool StoreStage::has_live_map() {
-  if (!has_live_) {
-    has_live_ = std::ranges::any_of(store_.keys(), [this](const std::string& key) {
-      try {
-        return may_be_live(store_.get(key).value());
-      } catch (const std::exception&) {
-        return true;  // What can't be read may be a live run's.
-      }
-    });
-  }
-  return *has_live_;
-}
-
-/// Whatever fails here, the other map begins.
-void StoreStage::keep_earlier() {
-  if (!has_live_map()) return;
-  std::string error;
-  try {
-    if (const auto kept = keep_earlier_map(config_.path, store_.close_files())) {
-      runtime::log_info("another map begins; the earlier one is kept", {{"path", kept->string()}});
-    }
-  } catch (const std::exception& e) {
-    error = "the map before this one is not kept (" + std::string(e.what()) + "): make room in " +
-            config_.path +
-            ", use a file system with hard links, or copy the folder before each run";
-    if (keep_error_ != error) runtime::log_warning(error);
-  }
-  keep_error_ = error;
-  stage_.degraded("earlier", error);
-  remove_oldest();
-}
-
-void StoreStage::remove_oldest() {
-  try {
-    while (const auto removed = remove_oldest_map(config_.path)) {
-      runtime::log_info("the oldest of the earlier maps is removed", {{"path", removed->string()}});
-    }
-    stage_.degraded("oldest", "");
-  } catch (const std::exception& e) {
-    stage_.degraded("oldest", "the oldest of the earlier maps is still there (" +
-                                  std::string(e.what()) + "): remove it from " + config_.path);
-  }
-}
-
-void StoreStage::begin(const msg::Header& header) {
-  keep_earlier();
-  generations_.begin(header.run(), header.map_id());
-  // What an obsolete map lacks is of no interest.
-  unstored_.clear();
-  has_live_ = false;
-}
-
-void StoreStage::begin_again(const msg::Header& header) {
-  try {
-    begin(header);
-  } catch (const std::system_error& e) {
-    not_stored(stage_.keys().of(Key::kMapOdometry), e.what());
-  }
-}
-
-/// Number of the message's map, which is written to the disk when it is a new one; nothing: that
-/// failed, and the message is not stored.
-std::optional<std::uint64_t> StoreStage::generation_of(const msg::Header& header,
-                                                       const std::string& key) {
-  try {
-    if (!generations_.is_current(header.run(), header.map_id())) begin(header);
-    if (!header.replay()) has_live_ = true;
-    return generations_.current();
-  } catch (const std::system_error& e) {
-    not_stored(key, e.what());
-    say_disk();
-    return std::nullopt;
-  }
-}
-
 void StoreStage::not_stored(const std::string& key, const std::string& why) {
   if (unstored_.empty()) runtime::log_error("not stored", {{"key", key}, {"what", why}});
   unstored_.insert(key);
@@ -462,97 +367,6 @@ void StoreStage::answer(runtime::Answer& answer) {
                            " can't be read: the map in the answers lacks them";
   stage_.degraded("unread", text);
   answer.refuse(text);
-}
-
-// Requests all tiles from mapping, because tiles may have been dropped when they were published.
-void StoreStage::fetch() {
-  --fetches_left_;
-  {
-    const std::lock_guard lock(fetched_->mutex);
-    fetched_->is_running = true;
-  }
-  zenoh::GetOptions options;
-  options.timeout = kFetchTimeout;
-  stage_.session().get(
-      stage_.keys().all_tiles(),
-      [fetched = fetched_](zenoh::Reply&& reply) {
-        if (!reply.ok()) {
-          const std::lock_guard lock(fetched->mutex);
-          ++fetched->lost;
-          return;
-        }
-        zenoh::AlignedBytes bytes = zenoh::view_aligned(std::move(reply.sample->payload));
-        const std::lock_guard lock(fetched->mutex);
-        if (bytes.torn()) {
-          ++fetched->lost;
-        } else {
-          fetched->answers.push_back({reply.sample->encoding, std::move(bytes)});
-        }
-      },
-      [fetched = fetched_] {
-        const std::lock_guard lock(fetched->mutex);
-        fetched->is_running = false;
-        fetched->ended.notify_all();
-      },
-      options);
-}
-
-void StoreStage::take_fetched() {
-  std::vector<Fetched::Answer> answers;
-  bool ended = false;
-  {
-    const std::lock_guard lock(fetched_->mutex);
-    answers.swap(fetched_->answers);
-    ended = !fetched_->is_running;
-  }
-  for (const Fetched::Answer& answer : answers) {
-    const auto bytes = answer.bytes.data();
-    if (!verify<msg::MapTile>(bytes, answer.encoding).ok()) {
-      const std::lock_guard lock(fetched_->mutex);
-      ++fetched_->lost;
-      continue;
-    }
-    const auto& tile = message_of<msg::MapTile>(bytes);
-    // A late answer of an obsolete map must not make that map current again.
-    const msg::Header& header = *tile.header();
-    if (generations_.is_current(header.run(), header.map_id()) || is_of_early_pose(header)) {
-      take(tile, bytes);
-    }
-  }
-  if (!ended) return;
-  const std::size_t lost = std::exchange(fetched_->lost, 0);
-  if (lost == 0) return;
-  if (fetches_left_ > 0) {
-    fetch();
-  } else {
-    not_fetched_ =
-        std::to_string(lost) +
-        " answers with tiles of the map were lost on their way from mapping: the map in " +
-        config_.path + " may lack them";
-    stage_.degraded("map", not_fetched_);
-  }
-}
-
-// The stage is stopping: waits for a fetch that is still running, and stores its answers. A mapping
-// that stops too, or hangs, may never answer, and whoever stops this process does not wait long.
-void StoreStage::finish_fetch() {
-  const auto until = std::chrono::steady_clock::now() + kStopPatience;
-  fetches_left_ = 0;
-  bool ended = false;
-  while (!ended && std::chrono::steady_clock::now() < until) {
-    {
-      std::unique_lock lock(fetched_->mutex);
-      ended = fetched_->ended.wait_until(
-          lock, std::min(until, std::chrono::steady_clock::now() + kStopLook),
-          [this] { return !fetched_->is_running; });
-    }
-    take_fetched();
-  }
-  if (!ended) {
-    throw std::runtime_error(
-        "mapping did not send its map in time: tiles of it may be missing in " + config_.path);
-  }
-  if (!not_fetched_.empty()) throw runtime::IoError(not_fetched_);
 }
 
 void StoreStage::every_period() {
