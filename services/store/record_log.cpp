@@ -97,7 +97,7 @@ void write_whole(std::span<const std::uint8_t> bytes, const fs::path& path) {
 }
 
 /// Leaves these first bytes of the file. An earlier map may have the file too (a hard link): there
-/// it stays as it is, so that its damage is said there as well.
+/// it is left unchanged, so that its damage is reported there, too.
 void cut_to(std::span<const std::uint8_t> good, const fs::path& path) {
   if (fs::hard_link_count(path) == 1) {
     truncate_file(path, good.size());

@@ -72,10 +72,14 @@ TEST(OusterStream, ColumnsAreByTheAngleWhateverTheSeam) {
   }
 }
 
-TEST(OusterStream, AWindowLosesNothing) {
+Metadata windowed() {
   Description description;
   description.window = "[200, 700]";
-  const Metadata metadata = description.metadata();
+  return description.metadata();
+}
+
+TEST(OusterStream, AWindowLosesNothing) {
+  const Metadata metadata = windowed();
   SweepAssembler assembler(decoder_of(metadata), {.seam_azimuth_deg = 180.0});
   std::vector<Bytes> packets = packets_of(metadata, 5);
   packets.erase(packets.begin() + 40);  // in the second frame
@@ -88,9 +92,7 @@ TEST(OusterStream, AWindowLosesNothing) {
 
 // The time across the window's gap of 184 degrees is the motor's, not the nominal one.
 TEST(OusterStream, ASlowMotorIsNoLossBehindTheWindow) {
-  Description description;
-  description.window = "[200, 700]";
-  const Metadata metadata = description.metadata();
+  const Metadata metadata = windowed();
   SweepAssembler assembler(decoder_of(metadata), {.seam_azimuth_deg = 180.0});
   const std::vector<DecodedSweep> sweeps = sweeps_of(assembler, packets_of(metadata, 5, 1.02));
   ASSERT_EQ(sweeps.size(), 5U);
@@ -99,9 +101,7 @@ TEST(OusterStream, ASlowMotorIsNoLossBehindTheWindow) {
 }
 
 TEST(OusterStream, ALossAtTheWindowsEdgeIsCounted) {
-  Description description;
-  description.window = "[200, 700]";
-  const Metadata metadata = description.metadata();
+  const Metadata metadata = windowed();
   SweepAssembler assembler(decoder_of(metadata), {.seam_azimuth_deg = 180.0});
   std::vector<Bytes> packets = packets_of(metadata, 5);
   packets.erase(packets.begin() + 3 * 32);  // the fourth frame's first

@@ -272,16 +272,20 @@ TEST(HandOver, OneThatWorkedAndIsSilentIsNoStandbyForAPlannedHandOver) {
   EXPECT_TRUE(answers(chain.session(), "elder", "handover", "no: this instance does not stand by"));
 }
 
+void hangs_and_is_overtaken(Chain& chain, Instance& elder, Instance& younger) {
+  ASSERT_TRUE(waits(younger));
+  ASSERT_TRUE(chain.hears("elder", 1));
+  elder.hold.change([](bool& held) { held = true; });
+  ASSERT_TRUE(chain.hears("younger", 2));
+}
+
 TEST(HandOver, OneThatHangsIsOvertakenAndSaysNothingAfterwards) {
   const Network network(3);
   Chain chain(network.open(2));
   Instance elder(network.open(0), "elder");
   ASSERT_TRUE(chain.hears("elder", 1));
   Instance younger(network.open(1), "younger");
-  ASSERT_TRUE(waits(younger));
-  ASSERT_TRUE(chain.hears("elder", 1));
-  elder.hold.change([](bool& held) { held = true; });
-  ASSERT_TRUE(chain.hears("younger", 2));
+  ASSERT_NO_FATAL_FAILURE(hangs_and_is_overtaken(chain, elder, younger));
   chain.heard.change([](auto& all) { all.clear(); });
   elder.hold.change([](bool& held) { held = false; });
   ASSERT_TRUE(elder.ended.wait(kYes));
@@ -299,10 +303,7 @@ TEST(HandOver, OneThatHangsAndIsToldToStopDoesNotBeginAgain) {
   Instance elder(network.open(0), "elder");
   ASSERT_TRUE(chain.hears("elder", 1));
   Instance younger(network.open(1), "younger");
-  ASSERT_TRUE(waits(younger));
-  ASSERT_TRUE(chain.hears("elder", 1));
-  elder.hold.change([](bool& held) { held = true; });
-  ASSERT_TRUE(chain.hears("younger", 2));
+  ASSERT_NO_FATAL_FAILURE(hangs_and_is_overtaken(chain, elder, younger));
   elder.stage->stop();
   Watched<int> looks;
   const auto statuses = chain.session().declare_subscriber(
