@@ -8,7 +8,8 @@ TEST_JOBS ?= 2
 STEP := deploy/build/step.sh
 PY := .venv/bin/python
 ZLOAM := bin/zloam
-export PYTHONPATH := services/monitor/src:$(PYTHONPATH)
+# Nothing stands behind a last colon: Python would take it for the folder in which it is called.
+export PYTHONPATH := $(CURDIR)/services/monitor/src$(addprefix :,$(PYTHONPATH))
 export ZLOAM_BUILD := $(CURDIR)/$(BUILD)
 export ZLOAM_SHARED ?= $(abspath ../shared)
 # All checkouts share one compiler cache, whatever their paths.

@@ -223,7 +223,7 @@ def test_one_of_everything(
             assert not stranger.command(stage, "[" * forge.NESTED).Ok()
             assert not stranger.command(stage, "x" * 1_000_000).Ok()
         stranger.put_huge()
-        run.until_poses(len(run.poses) + 1)
+        run.until_poses_or_end(len(run.poses) + 1)
         attacked = statuses_of(run)
         statuses = run.end()
     assert_recovered(run, attacked, record_property)

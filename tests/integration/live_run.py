@@ -269,6 +269,10 @@ class LiveRun:
         newest = VOXELS_EVERY * (count // VOXELS_EVERY)
         self._until(lambda: len(self.poses) >= count and len(self.mapped) > newest)
 
+    def until_poses_or_end(self, count: int) -> None:
+        """Waits for this many poses, or until the last packet was sent, after which none comes."""
+        self._until(lambda: len(self.poses) >= count or not self._sender.is_alive())
+
     def until_runs(self, count: int) -> None:
         """Waits for mapped poses of this many runs."""
         self._until(lambda: len({run_id for run_id, _ in self.mapped}) >= count)

@@ -155,7 +155,7 @@ def test_a_lost_map_is_in_the_exit_code(
     run = LiveRun(
         *(build, robot_file, drive, tmp_path),
         store=False,
-        slower=1.0,
+        seconds=SECONDS,
         more=more,
         programs=programs,
     )
@@ -184,7 +184,7 @@ def test_accounts_add_up_under_overload(
             process.send(signal.SIGSTOP)
             time.sleep(HANG_S)
             process.send(signal.SIGCONT)
-            run.until_poses(len(run.poses) + 5)
+            run.until_poses_or_end(len(run.poses) + 5)
         statuses = run.end()
     found = report.build(Run.heard(run.chain.link, 1.0, run.chain.exit_codes))
     identities = found["identities"]

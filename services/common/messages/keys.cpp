@@ -20,7 +20,7 @@ constexpr std::size_t kText_bytes = std::size_t{72} << 10;
 
 constexpr std::array kTable = {
     // Lower priority than poses: over a slow link, poses would wait behind every sweep's 100 kB.
-    KeyRow{Key::kPackets, "lidar/<sensor>/packets", "packets", "driver, simulator", C::kDrop,
+    KeyRow{Key::kPackets, "lidar/<sensor>/packets", "packets", "driver, simulator", C::kLiveDrop,
            "interactive_low", N::kSweep, "newest 8", kSweep_bytes},
     KeyRow{Key::kSweep, "lidar/<sensor>/sweep", "sweep", "driver", C::kLiveDrop, "data_high",
            N::kSweep, "live newest 4, replay lossless", kSweep_bytes},

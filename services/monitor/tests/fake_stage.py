@@ -62,6 +62,10 @@ def open_session(stage: str, base_port: int) -> zenoh.Session:
     return zenoh.open(config)
 
 
+#: As in a stage's replay: on a busy machine, a message that isn't waited for would be dropped.
+BLOCK = zenoh.CongestionControl.BLOCK
+
+
 class Fake:
     def __init__(self, stage: str, base_port: int) -> None:
         self.stage, self.keys = stage, Keys("robot")
@@ -149,7 +153,7 @@ class Fake:
         if n < min(SWEEPS, self.may_send) and not os.environ.get("FAKE_QUIET"):
             self.sent += 1
             if self.stage == "driver":
-                self.session.put(self.keys.sweep, str(self.sent))
+                self.session.put(self.keys.sweep, str(self.sent), congestion_control=BLOCK)
             instant = START_NS + (n + 1) * 100_000_000
             keys = {
                 "integration": self.keys.pose,
@@ -159,7 +163,7 @@ class Fake:
             if self.stage in keys:
                 table = "Odometry" if self.stage == "odometry" else "MapPose"
                 message = compose.pose(table, self.header(n), instant, self.positions[n], UPRIGHT)
-                self.session.put(keys[self.stage], message)
+                self.session.put(keys[self.stage], message, congestion_control=BLOCK)
         self.session.put(
             self.keys.below(f"service/{self.stage}/{self.stage}-1/status"), self.status()
         )
