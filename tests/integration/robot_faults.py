@@ -99,9 +99,13 @@ def hanging_mapping(stand: Stand) -> None:
     stand.run.chain.processes.running["mapping"].send(signal.SIGSTOP)
 
 
+def until_heard(stand: Stand, stage: str, instance: str) -> None:
+    stand.run._until(lambda: (stage, instance) in stand.run.chain.link.statuses)
+
+
 def second_mapping(stand: Stand) -> None:
     stand.run.chain.start_replica("mapping", "another")
-    stand.run.wait(1.0)
+    until_heard(stand, "mapping", "another")
 
 
 def strangers_token(stand: Stand) -> None:
@@ -128,15 +132,18 @@ def second_driver(stand: Stand) -> None:
     command = chain._command_as("driver", "another")
     command += ["--set", f"driver.port={stand.other_port}"]
     chain.processes.start("another", command, stand.run.out / "another.log")
-    stand.run.wait(1.0)
+    until_heard(stand, "driver", "another")
 
 
 def again(stand: Stand, stage: str, wait_s: float = 3.0) -> None:
-    """Kills the stage if it runs, and starts it again with its present command line."""
+    """Kills the stage if it runs, starts it again with its present command line, and lets it work
+    for a while."""
     chain = stand.run.chain
+    before = set(chain.link.statuses)
     if stage in chain.processes.running:
         kill(chain, stage)
     chain.start(stage, f"{stage}-again")
+    stand.run._until(lambda: any(s == stage for s, _ in chain.link.statuses.keys() - before))
     stand.run.wait(wait_s)
 
 
@@ -420,9 +427,9 @@ def needs(fault: Fault) -> None:
 
 
 def drive_for(build: Path, folder: Path, fault: Fault) -> Capture:
-    """A drive of 16 seconds with IMU readings."""
+    """A drive with IMU readings, longer than any fault and the doctor need on a busy machine."""
     readings = ("--imu", str(folder / "imu.csv"))
-    return simulate(build, folder, *fault.drive, "--seed", "5", "--duration", "16", *readings)
+    return simulate(build, folder, *fault.drive, "--seed", "5", "--duration", "24", *readings)
 
 
 def made(build: Path, robot_file: Path, drive: Capture, out: Path, fault: Fault) -> Stand:
@@ -435,7 +442,6 @@ def made(build: Path, robot_file: Path, drive: Capture, out: Path, fault: Fault)
         out,
         store=False,
         slower=fault.slower,
-        seconds=14.0,
         change=fault.change(drive),
         more=tuple(s.format(other=other, router=router) for s in fault.settings),
     )
