@@ -18,7 +18,7 @@ import zenoh
 
 from tests.attack import forge
 from tests.integration import live_run
-from tests.integration.conftest import Capture, simulate
+from tests.integration.conftest import PATIENCE_S, Capture, simulate
 from tests.integration.live_run import LiveRun
 from zloam_monitor import messages
 from zloam_monitor.link import open_session
@@ -30,6 +30,8 @@ from zloam_monitor.trajectory import read
 BEGINS_AT = 25
 #: sweeps per second
 RATE = 10
+#: poses after the attack, of which the first second's do not count
+JUDGED = 4 * RATE
 SHARE = 0.9
 #: Limit of a stage's memory: a factor on that without an attack, plus what the allocator may keep.
 MEMORY_SHARE, MEMORY_MIB = 1.2, 24.0
@@ -42,7 +44,7 @@ STAGES = ("registration", "odometry", "mapping", "integration")
 @pytest.fixture(scope="module")
 def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
     folder = tmp_path_factory.mktemp("drive")
-    seconds = str(int(live_run.SECONDS) + 1)
+    seconds = str(live_run.SECONDS + live_run.SPARE_S)
     return simulate(build, folder, "--world", "city", "--seed", "3", "--duration", seconds)
 
 
@@ -225,6 +227,7 @@ def test_one_of_everything(
         stranger.put_huge()
         run.until_poses_or_end(len(run.poses) + 1)
         attacked = statuses_of(run)
+        run.until_poses_or_end(len(run.poses) + JUDGED)
         statuses = run.end()
     assert_recovered(run, attacked, record_property)
     for stage in STAGES:
@@ -248,6 +251,7 @@ def test_a_flood(
         stranger.flood("Odometry", how, 1.0)
         stranger.flood("MapCorrection", how, 0.5)
         attacked = statuses_of(run)
+        run.until_poses_or_end(len(run.poses) + JUDGED)
         run.end()
     assert_recovered(run, attacked, record_property)
 
@@ -308,8 +312,9 @@ def test_a_second_instance_stands_by_and_both_say_so(
         after = run._driver_sweep()
         second = run.chain.processes.running.pop("second")
         second.send(signal.SIGTERM)
-        assert second.wait(10.0) == 0
+        assert second.wait(PATIENCE_S) == 0
         run._until(lambda: "a second" not in link.statuses[(stage, first)].reason)
+        run.until_poses(len(run.poses) + RATE)
         statuses = run.end()
         del listener
     assert f"a second {stage}" in (tmp_path / "second.log").read_text()

@@ -103,13 +103,17 @@ def digests(folder: Path, files: tuple[str, ...]) -> dict[str, str]:
     return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in files}
 
 
+#: Nothing is waited for longer than this; it only limits the time of a test that fails.
+PATIENCE_S = 60.0
+
+
 def kill(chain: Chain, *stages: str) -> None:
     """Sends SIGKILL to all of these stages, then waits for their ends."""
     killed = [chain.processes.running.pop(stage) for stage in stages]
     for process in killed:
         process.send(signal.SIGKILL)
     for process in killed:
-        process.wait(10.0)
+        process.wait(PATIENCE_S)
 
 
 class WithoutDriver(Chain):

@@ -5,10 +5,9 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from tests.integration.conftest import kill
+from tests.integration.conftest import PATIENCE_S, kill
 from tests.integration.live_run import (
     KILL_AT,
-    PATIENCE_S,
     STAGES,
     STORE_LINK_S,
     store_command,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.integration.conftest import Capture, digests, kill, monitor, simulate
-from tests.integration.live_run import LiveRun
+from tests.integration.live_run import SECONDS, SPARE_S, LiveRun
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.methods import programs
@@ -96,7 +96,8 @@ def test_a_new_odometry_frame_goes_on_where_the_last_pose_was(
 ) -> None:
     """With mapping killed too, no stage keeps the odometry's commits. An epoch that was used twice
     would let mapping apply the old frame's correction: the pose would jump to the start."""
-    drive = simulate(build, tmp_path, "--world", "city", "--seed", "3", "--duration", "10")
+    seconds = str(SECONDS + SPARE_S)
+    drive = simulate(build, tmp_path, "--world", "city", "--seed", "3", "--duration", seconds)
     run = LiveRun(build, robot_file, drive, tmp_path, programs=ALOAM)
     last, _ = run.killed("odometry", "mapping")
     assert "a new odom frame begins" in (tmp_path / "odometry-again.log").read_text()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.integration.conftest import Capture, kill, simulate
-from tests.integration.live_run import LiveRun, beside_command
+from tests.integration.live_run import SPARE_S, LiveRun, beside_command
 from zloam_monitor import clouds
 from zloam_monitor.records import StatusRecord
 from zloam_monitor.trajectory import Trajectory, read
@@ -28,7 +28,8 @@ LONGEST_STEP_M = 2.0
 @pytest.fixture(scope="module")
 def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
     folder = tmp_path_factory.mktemp("drive")
-    return simulate(build, folder, "--world", "city", "--seed", "3", "--duration", str(SECONDS + 1))
+    seconds = str(SECONDS + SPARE_S)
+    return simulate(build, folder, "--world", "city", "--seed", "3", "--duration", seconds)
 
 
 def start_graph(build: Path, robot_file: Path, run: LiveRun, log: str) -> None:
@@ -44,6 +45,13 @@ def mapped_poses(run: LiveRun, statuses: dict[str, StatusRecord]) -> int:
 def submaps(run: LiveRun) -> float:
     status = run.chain.link.stage("graph")
     return status.figures.get("submaps", 0.0) if status else 0.0
+
+
+def has_taken_over(run: LiveRun, before: StatusRecord) -> bool:
+    """Whether another instance of the graph has as many submaps as the one before."""
+    status = run.chain.link.stage("graph")
+    is_new = status is not None and status.instance != before.instance
+    return is_new and submaps(run) >= before.figures["submaps"]
 
 
 def smooth(path: Path) -> Trajectory:
@@ -63,6 +71,7 @@ def test_each_map_of_a_run_has_its_own_files(
         reply = run.chain.link.command("mapping", "reset", {})
         assert reply is not None
         assert reply.ok
+        run.until_poses(len(run.poses) + SECOND_PART)
         statuses = run.end()
     first, second = (smooth(tmp_path / f"trajectory_world{n}.tum") for n in ("", "_2"))
     assert first.stamps_ns is not None
@@ -88,6 +97,7 @@ def test_a_graph_that_is_killed_after_the_driver_lacks_nothing(
         assert undisturbed is not None
         kill(run.chain, "graph")
         start_graph(build, robot_file, run, "graph-again")
+        run._until(lambda: has_taken_over(run, undisturbed))
         statuses = run.end()
         again = run.chain.link.stage("graph")
     assert again is not None

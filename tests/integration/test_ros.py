@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from tests.integration.conftest import Capture, WithoutDriver, kill, simulate
-from tests.integration.live_run import LiveRun
+from tests.integration.live_run import SECONDS, SPARE_S, LiveRun
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain, binary
 from zloam_monitor.processes import free_port
@@ -397,7 +397,8 @@ def test_the_map_stays_when_the_driver_starts_again(
     build: Path, robot_file: Path, tmp_path: Path
 ) -> None:
     """In a map that is only localized in, no tile is published again."""
-    drive = simulate(build, tmp_path, "--world", "city", "--seed", "3", "--duration", "10")
+    seconds = str(SECONDS + SPARE_S)
+    drive = simulate(build, tmp_path, "--world", "city", "--seed", "3", "--duration", seconds)
     mapped = LiveRun(build, robot_file, drive, tmp_path)
     with mapped:
         mapped.end()

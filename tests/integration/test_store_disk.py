@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import zenoh
 
-from tests.integration.conftest import Capture, simulate
-from tests.integration.live_run import PATIENCE_S, LiveRun
+from tests.integration.conftest import PATIENCE_S, Capture, simulate
+from tests.integration.live_run import SECONDS, SPARE_S, LiveRun
 from zloam_monitor import compose, messages
 from zloam_monitor.chain import binary
 from zloam_monitor.keys import Keys
@@ -30,7 +30,8 @@ IO_CODE = 3
 @pytest.fixture(scope="module")
 def drive(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Capture:
     folder = tmp_path_factory.mktemp("drive")
-    return simulate(build, folder, "--world", "city", "--seed", "4", "--duration", "10")
+    seconds = str(SECONDS + SPARE_S)
+    return simulate(build, folder, "--world", "city", "--seed", "4", "--duration", seconds)
 
 
 def test_what_does_not_fit_on_the_disk_is_told_until_the_end(
