@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ import yaml
 from tests.hokuyo import peer, simulated
 from tests.hokuyo.device import Device, SerialDevice, TcpDevice
 from tests.hokuyo.simulated import Session
-from tests.integration.conftest import ROOT, digests, kill, monitor
+from tests.integration.conftest import PATIENCE_S, ROOT, digests, kill, monitor
 from tests.integration.replay_run import replayed
 from zloam_monitor import evaluation, sources, trajectory
 from zloam_monitor.chain import Chain
@@ -33,7 +34,6 @@ POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("rest", "V16")])
 SECONDS = 40
 #: part of the same drive that is sent live
 LIVE_SECONDS = 12.0
-PATIENCE_S = 60.0
 FILES = ("trajectory.tum", "odometry.tum", "map.pcd")
 
 
@@ -255,6 +255,13 @@ class Live:
                 time.sleep(0.01)
             self._tell(shift_ns + int(1e9 * since_s), angle)
 
+    def until(self, holds: Callable[[], bool]) -> None:
+        ends = time.monotonic() + PATIENCE_S
+        while not holds():
+            assert time.monotonic() < ends
+            self.chain.link.poll(0.1)
+            self.chain.processes.check()
+
     def until_sent(self) -> None:
         while not self.device.finished:
             self.chain.link.poll(0.1)
@@ -290,8 +297,7 @@ class Live:
 def test_live_with_a_killed_odometry(build: Path, drive: Session, tmp_path: Path) -> None:
     with Live(build, TcpDevice(drive.log, 1.5 * LIVE_SECONDS), drive, tmp_path) as live:
         link = live.chain.link
-        while len(link.poses) < 50:
-            link.poll(0.1)
+        live.until(lambda: len(link.poses) >= 50)
         last = max(link.poses)
         kill(live.chain, "odometry")
         live.chain.start("odometry", "odometry-again")
@@ -310,7 +316,7 @@ def test_live(
 ) -> None:
     with Live(build, kind(drive.log, LIVE_SECONDS), drive, tmp_path) as live:
         live.until_sent()
-        assert len(live.chain.link.poses) >= 9 * LIVE_SECONDS
+        live.until(lambda: len(live.chain.link.poses) >= 9 * LIVE_SECONDS)
         assert live.error_m() <= AS_UNDISTURBED_M
         assert live.asked[0] == b"QT"
         assert live.asked.count(b"TM1") == 10

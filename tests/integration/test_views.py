@@ -12,6 +12,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -159,9 +160,14 @@ def page(robot: str) -> Iterator[str]:
 
 def test_the_page_s_figures_are_the_robot_s(page: str) -> None:
     assert fetched(f"{page}/robots.json")["robots"] == ["robot"]
-    state = until(lambda: (s := fetched(f"{page}/robots/robot/state.json")).get("judged") and s)
+
+    def judged_at_the_sensors_pace() -> Any:
+        state = fetched(f"{page}/robots/robot/state.json")
+        return state.get("judged") and 8.0 < state["rate"] < 12.0 and state
+
+    # On a busy machine poses may come late, then several at once.
+    state = until(judged_at_the_sensors_pace)
     assert state["pose"]["health"] == "ok"
-    assert 8.0 < state["rate"] < 12.0
     assert [s["name"] for s in state["stages"]] == [
         *("driver", "registration", "odometry", "mapping", "integration")
     ]
