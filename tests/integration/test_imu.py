@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.integration.conftest import Capture, digests, kill, monitor, simulate
+from tests.integration.conftest import PATIENCE_S, Capture, digests, kill, monitor, simulate
 from tests.integration.test_refusals import REFUSED_CONFIG, REFUSED_FILE, stage
 from zloam_monitor import evaluation, sources, trajectory
 from zloam_monitor.chain import Chain, binary
@@ -21,7 +21,6 @@ SECONDS = 9
 #: poses before the kill; the platform stands for its first 1.5 s
 KILL_AT = 45
 FILES = ("trajectory.tum", "trajectory.kitti", "odometry.tum")
-PATIENCE_S = 60.0
 #: T_base_imu: turned upside down, beside the lidar
 XYZ_M, RPY_DEG = (0.2, -0.1, 0.3), (180.0, 0.0, 90.0)
 MOUNTING = [
@@ -131,7 +130,7 @@ def test_live_readings_go_with_their_sweeps(build: Path, robot_file: Path, tmp_p
         simulator = subprocess.Popen(
             [
                 binary(build, "simulator"),
-                *("--quiet", "--world", "handheld", "--seed", "2", "--duration", "6"),
+                *("--quiet", "--world", "handheld", "--seed", "2", "--duration", "20"),
                 *("--zenoh", "--zenoh-imu", "--rate", "0.7"),
                 *("--zenoh-base-port", str(chain.base_port), "--robot", robot.robot),
                 *("--imu-xyz", *map(str, XYZ_M), "--imu-rpy-deg", *map(str, RPY_DEG)),

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from tests.integration.conftest import Capture, WithoutDriver, kill, simulate
+from tests.integration.conftest import PATIENCE_S, Capture, WithoutDriver, kill, simulate
 from tests.integration.live_run import SECONDS, SPARE_S, LiveRun
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain, binary
@@ -33,7 +33,6 @@ qualities = pytest.importorskip("zenoh_ros2_sdk.qos")
 
 #: a ROS domain that no other node of this machine uses
 DOMAIN = 77
-PATIENCE_S = 30.0
 #: /map is published at most this often
 MAP_PERIOD_S = 5.0
 TOPICS = {

@@ -18,7 +18,7 @@ import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
-from tests.integration.conftest import ROOT, Capture, WithoutDriver
+from tests.integration.conftest import PATIENCE_S, ROOT, Capture, WithoutDriver
 from tests.recordings import variants
 from tests.recordings.variants import CLOUD, Layout, Scan
 from zloam_monitor import messages
@@ -70,7 +70,7 @@ class Ros:
         return [str(r.ok.key_expr) for r in self.session.liveliness().get(pattern) if r.ok]
 
     def until_read(self) -> None:
-        ends = time.monotonic() + 30.0
+        ends = time.monotonic() + PATIENCE_S
         while not self._publisher.matching_status.matching:
             assert time.monotonic() < ends, "nobody reads the topic"
             time.sleep(0.1)
@@ -100,7 +100,7 @@ def ros_lidar(port: int, robot_endpoint: str, log: Path, *more: str) -> Iterator
             yield process
         finally:
             process.terminate()
-            process.wait(20)
+            process.wait(PATIENCE_S)
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
@@ -204,7 +204,7 @@ def test_what_can_not_be_told_is_refused(scans: list[Scan], tmp_path: Path) -> N
         for number, scan in enumerate(scans[:12]):
             ros.send(scan, layout, number)
             time.sleep(0.1)
-        assert process.wait(20) != 0
+        assert process.wait(PATIENCE_S) != 0
     ros.session.close()
     assert "driver.time_field" in said.read_text()
     assert "Traceback" not in said.read_text()
@@ -213,7 +213,7 @@ def test_what_can_not_be_told_is_refused(scans: list[Scan], tmp_path: Path) -> N
 def test_a_topic_that_is_silent_is_said_with_those_that_there_are(tmp_path: Path) -> None:
     said = tmp_path / "said.txt"
     ros = Ros(port := free_port())
-    ends = time.monotonic() + 30.0
+    ends = time.monotonic() + PATIENCE_S
     with ros_lidar(port, "tcp/127.0.0.1:1", said):
         while "no cloud on" not in said.read_text() and time.monotonic() < ends:
             time.sleep(0.2)
