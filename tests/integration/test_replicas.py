@@ -68,6 +68,15 @@ class SharedChain(Chain):
         found = self.link.statuses.items()
         return {i for (stage, i), s in found if stage == "registration" and s.health == "ready"}
 
+    def sharing(self) -> set[str]:
+        """Instances of registration that have processed a sweep."""
+        found = self.link.statuses.items()
+        return {
+            i
+            for (stage, i), status in found
+            if stage == "registration" and any(each.processed for each in status.inputs)
+        }
+
     def follow(self) -> Statuses:
         """Follows the run to its end; returns the final statuses of all instances."""
         began = time.monotonic()
@@ -165,12 +174,11 @@ def test_one_three_one_during_a_run(
         for instance in REPLICAS[1:]:
             chain.start_replica("registration", instance)
         chain.until(lambda: chain.ready() >= set(REPLICAS))
-        at = len(chain.link.poses)
-        chain.until(lambda: len(chain.link.poses) >= at + 15)
+        chain.until(lambda: chain.sharing() >= set(REPLICAS))
         for instance in REPLICAS[1:]:
             process = chain.processes.running.pop(instance)
             process.send(signal.SIGTERM)
-            assert process.wait(20.0) == 0
+            assert process.wait(PATIENCE_SECONDS) == 0
         statuses = chain.follow()
         books(chain, statuses)
     assert digests(tmp_path, FILES) == alone
