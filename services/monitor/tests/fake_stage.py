@@ -71,8 +71,10 @@ class Fake:
         self.stage, self.keys = stage, Keys("robot")
         self.session = open_session(stage, base_port)
         self.sent = 0
-        # The driver waits a second for its subscribers; the other stages wait for its sweeps.
+        # The driver waits a second for its subscribers; the other stages wait for its sweeps, and
+        # one that is alone for a reader of its poses.
         self.may_send = 0
+        self.poses = self.session.declare_publisher(self.keys.pose)
         self.first_ns = time.time_ns() + 1_000_000_000
         self.listener = self.session.declare_subscriber(self.keys.sweep, self.heard)
         self.positions, self.points = loop(), wall()
@@ -145,15 +147,18 @@ class Fake:
             reason=reason,
         )
 
+    def begins(self) -> bool:
+        """Whether it sends from now on, without hearing of sweeps."""
+        if wants("ALONE", self.stage):
+            return bool(self.poses.matching_status.matching)
+        return self.stage == "driver" and time.time_ns() > self.first_ns
+
     def turn(self) -> None:
         n = self.sent
-        leads = self.stage == "driver" or wants("ALONE", self.stage)
-        if leads and time.time_ns() > self.first_ns:
+        if self.begins():
             self.may_send = SWEEPS
         if n < min(SWEEPS, self.may_send) and not os.environ.get("FAKE_QUIET"):
             self.sent += 1
-            if self.stage == "driver":
-                self.session.put(self.keys.sweep, str(self.sent), congestion_control=BLOCK)
             instant = START_NS + (n + 1) * 100_000_000
             keys = {
                 "integration": self.keys.pose,
@@ -164,6 +169,9 @@ class Fake:
                 table = "Odometry" if self.stage == "odometry" else "MapPose"
                 message = compose.pose(table, self.header(n), instant, self.positions[n], UPRIGHT)
                 self.session.put(keys[self.stage], message, congestion_control=BLOCK)
+        if self.stage == "driver" and self.sent:
+            # The last one again and again, for a stage whose link comes late.
+            self.session.put(self.keys.sweep, str(self.sent), congestion_control=BLOCK)
         self.session.put(
             self.keys.below(f"service/{self.stage}/{self.stage}-1/status"), self.status()
         )

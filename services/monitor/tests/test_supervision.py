@@ -20,7 +20,7 @@ DIES = [sys.executable, "-c", "print('something broke'); raise SystemExit(5)"]
 ENDS_WITH_PARENT = (
     "import os; os.read(int(os.environ['ZLOAM_PARENT_PIPE']), 1); open({path!r}, 'w').write('x')"
 )
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 
 class FakeChain:
