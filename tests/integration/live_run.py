@@ -41,8 +41,9 @@ IN_FLIGHT_S = 0.1
 STAGES = ("registration", "odometry", "mapping", "integration")
 #: stages of which one instance works and the others stand by
 REPLACED = ("odometry", "mapping", "integration")
-#: How long mapping waits for the store before it creates a new map; more than its link ever needs.
-STORE_LINK_S = 10
+#: How long mapping waits for the store before it creates a new map; more than its link ever needs,
+#: on a busy machine too. Where a store is there, it waits no longer than for the link.
+STORE_LINK_S = 30
 
 
 def written_in(folder: Path) -> Trajectory:
