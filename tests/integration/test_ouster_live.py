@@ -16,7 +16,7 @@ import pytest
 from fake_sensor import sensor
 from tests import ouster_peer
 from tests.acceptance.live import free_udp_port
-from tests.integration.conftest import ROOT
+from tests.integration.conftest import PATIENCE_S, ROOT
 from zloam_monitor import cli, messages, sensor_metadata, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.keys import Keys
@@ -28,7 +28,6 @@ ROBOT = ROOT / "deploy" / "robots" / "ouster.yaml"
 KEYS = Keys("robot")
 #: frames of the capture, number of repetitions, and the period of a frame (10 Hz)
 FRAMES, TIMES, FRAME_NS = 3, 7, 100_000_000
-PATIENCE_S = 60.0
 
 
 @pytest.fixture
@@ -60,6 +59,14 @@ class Driver:
             assert time.monotonic() < deadline, f"{len(self.sweeps)} sweeps came"
             time.sleep(0.05)
 
+    def until_listening(self, port: int) -> None:
+        """Waits until the driver has opened this UDP port: a sensor's packets before are lost."""
+        deadline = time.monotonic() + PATIENCE_S
+        while f":{port:04X} " not in Path("/proc/net/udp").read_text():
+            assert self.process.code() is None, self.process.last_lines()
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+
     def close(self) -> dict[str, int]:
         codes = self.processes.stop()
         self.session.close()
@@ -87,6 +94,7 @@ def test_live_with_a_description_from_the_sensor(
         f"driver.position_port={ports[1]}",
         f"driver.metadata={described}",
     )
+    driver.until_listening(ports[0])
     stop = threading.Event()
     sender = threading.Thread(target=send, args=(recording, ports, stop))
     sender.start()
