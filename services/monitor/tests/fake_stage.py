@@ -150,7 +150,8 @@ class Fake:
     def begins(self) -> bool:
         """Whether it sends from now on, without hearing of sweeps."""
         if wants("ALONE", self.stage):
-            return bool(self.poses.matching_status.matching)
+            # The stub says that it is a bool.
+            return bool(self.poses.matching_status.matching)  # type: ignore[attr-defined]
         return self.stage == "driver" and time.time_ns() > self.first_ns
 
     def turn(self) -> None:
