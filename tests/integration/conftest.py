@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -101,6 +102,20 @@ def robot_file() -> Path:
 
 def digests(folder: Path, files: tuple[str, ...]) -> dict[str, str]:
     return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in files}
+
+
+@cache
+def _answers(*command: str) -> bool:
+    try:
+        return subprocess.run(command, capture_output=True, check=False).returncode == 0
+    except FileNotFoundError:
+        return False
+
+
+def needs_compose() -> None:
+    """Skips a test that calls `docker compose` where it is not installed."""
+    if not _answers("docker", "compose", "version"):
+        pytest.skip("docker, or its Compose, is not installed")
 
 
 #: Nothing is waited for longer than this; it only limits the time of a test that fails.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,8 @@ SLOWER = 1.5
 KILL_AT = 45
 VOXELS_EVERY = 20
 BRIDGING, LOST = HEALTH.index("bridging"), HEALTH.index("lost")
+#: mapped poses of a run after which it has a map
+IN_MAP = 5
 #: lines of each log that are shown when a run fails
 LAST_LINES = 8
 #: Readers have read what a killed publisher had sent after this time, which is shorter than the
@@ -284,8 +287,13 @@ class LiveRun:
         self._until(lambda: len(self.poses) >= count or not self._sender.is_alive())
 
     def until_runs(self, count: int) -> None:
-        """Waits for mapped poses of this many runs."""
-        self._until(lambda: len({run_id for run_id, _ in self.mapped}) >= count)
+        """Waits until this many runs have a map; a part of a sweep, the first one of a live run,
+        makes none."""
+
+        def runs() -> int:
+            return sum(n >= IN_MAP for n in Counter(run for run, _ in self.mapped).values())
+
+        self._until(lambda: runs() >= count)
 
     def restart(self, *stages: str, away: int = 0) -> PoseRecord:
         """Kills the stages, starts them again `away` sweeps later, and returns the last pose

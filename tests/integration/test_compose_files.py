@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from tests.integration.conftest import needs_compose
 from zloam_monitor.robot_file import names
 from zloam_monitor.settings import several
 
@@ -37,19 +38,15 @@ def compose(*words: str, **settings: str) -> str:
 def compose_in(folder: Path, /, *words: str, **settings: str) -> str:
     """Output of `docker compose`, without the settings of whoever runs the tests."""
     kept = {n: v for n, v in os.environ.items() if not n.startswith(("ZLOAM_", "COMPOSE_", "ROS_"))}
-    try:
-        done = subprocess.run(
-            ["docker", "compose", *words],
-            cwd=folder,
-            env={**kept, "ZLOAM_PCAP": str(ROOT / ".env"), **settings},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    except FileNotFoundError:
-        pytest.skip("docker is not installed")
-    if "is not a docker command" in done.stderr:
-        pytest.skip("docker has no compose")
+    needs_compose()
+    done = subprocess.run(
+        ["docker", "compose", *words],
+        cwd=folder,
+        env={**kept, "ZLOAM_PCAP": str(ROOT / ".env"), **settings},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 

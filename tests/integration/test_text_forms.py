@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from tests.integration import text_commands as texts
-from tests.integration.conftest import ROOT
+from tests.integration.conftest import ROOT, needs_compose
 from tests.integration.text_commands import Excluded, Form
 
 FORMS = [command for command, kind in texts.COMMANDS.items() if isinstance(kind, Form)]
@@ -129,9 +129,7 @@ def values(words: list[str], option: str) -> list[str]:
 def compose(words: list[str]) -> None:
     files = values(words, "-f") or ["docker-compose.yml"]
     assert [f for f in files if not (ROOT / f).is_file()] == []
-    asked = ["docker", "compose", "version"]
-    if subprocess.run(asked, capture_output=True, check=False).returncode != 0:
-        pytest.skip("no Compose: its words are not checked")
+    needs_compose()
     layers = [word for file in files for word in ("-f", file)]
     listed = ["docker", "compose", *layers, "config", "--services"]
     shown = run(*listed, env=LAYER_VARIABLES).splitlines()
