@@ -55,11 +55,10 @@ def written_in(folder: Path) -> Trajectory:
     return Trajectory(written.transforms, written.stamps_ns, np.arange(len(written)))
 
 
-def one_quick(stages: tuple[str, ...], quick: str) -> list[object]:
-    """Parameters for one stage in each run of the tests, and for all of them in `make
-    test-full`."""
+def one_quick(values: tuple[str, ...], quick: str) -> list[object]:
+    """Parameters of a test: one of them in each run of the tests, all in `make test-full`."""
     slow = pytest.mark.slow
-    return [stage if stage == quick else pytest.param(stage, marks=slow) for stage in stages]
+    return [value if value == quick else pytest.param(value, marks=slow) for value in values]
 
 
 def rmse_m(found: Trajectory, drive: Capture, from_ns: int = 0) -> float:

@@ -74,6 +74,7 @@ def thickness_m(points: Path) -> float:
     return float(np.median(np.sqrt(np.maximum(smallest, 0.0))))
 
 
+@pytest.mark.slow
 def test_walls_are_single_where_loops_are_closed(
     build: Path, undisturbed: Path, tmp_path: Path
 ) -> None:
@@ -86,6 +87,7 @@ def test_walls_are_single_where_loops_are_closed(
     assert thickness_m(undisturbed / "map_world.pcd") < 1.2 * thickness_m(out / "map_world.pcd")
 
 
+@pytest.mark.slow
 def test_a_graph_that_is_killed_is_missed_by_nobody_and_answers_strangers(
     build: Path, robot_file: Path, rounds: Capture, undisturbed: Path, tmp_path: Path
 ) -> None:

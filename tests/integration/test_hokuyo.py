@@ -138,6 +138,7 @@ def test_the_same_bytes_twice(build: Path, drive: Session, tmp_path: Path) -> No
     assert digests(tmp_path / "a", FILES) == digests(tmp_path / "b", FILES)
 
 
+@pytest.mark.slow
 def test_a_replay_with_a_killed_odometry_has_the_same_bytes(
     build: Path, drive: Session, tmp_path: Path
 ) -> None:

@@ -29,7 +29,9 @@ def calibrated(
     return done.returncode, yaml.safe_load(done.stdout) or {}, done.stderr
 
 
-@pytest.mark.parametrize(("world", "seed"), [("indoor", 7), ("handheld", 3)])
+@pytest.mark.parametrize(
+    ("world", "seed"), [("indoor", 7), pytest.param("handheld", 3, marks=pytest.mark.slow)]
+)
 def test_calibration(build: Path, tmp_path: Path, world: str, seed: int) -> None:
     session = simulated.at_rest(build, tmp_path / "still", world, seed)
     code, found, said = calibrated(build, session.log)
@@ -40,6 +42,7 @@ def test_calibration(build: Path, tmp_path: Path, world: str, seed: int) -> None
     assert found["motor"]["delay_ms"] == pytest.approx(simulated.DELAY_MS, abs=1.0)
 
 
+@pytest.mark.slow
 def test_calibration_of_an_encoder_that_counts_backward(build: Path, tmp_path: Path) -> None:
     session = simulated.at_rest(build, tmp_path / "still", "indoor", 7)
     rows = np.loadtxt(session.angles, delimiter=",", skiprows=1)
@@ -74,6 +77,7 @@ def test_a_calibration_assumes_the_offset_of_the_robots_file(build: Path) -> Non
     assert re.search(rf"--stamp-offset-us FLOAT\W*?{offset_us}\b", done.stdout), done.stdout
 
 
+@pytest.mark.slow
 def test_a_drive_with_its_own_calibration(build: Path, tmp_path: Path) -> None:
     still = simulated.at_rest(build, tmp_path / "still", "indoor", 7)
     command = [str(build / "bin" / "zloam-calibrate"), str(still.log)]

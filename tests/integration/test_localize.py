@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.integration.conftest import Capture, digests, monitor, simulate
-from tests.integration.live_run import LOST, LiveRun, beside_command, store_command
+from tests.integration.live_run import LOST, LiveRun, beside_command, one_quick, store_command
 from zloam_monitor import clouds, se3, trajectory
 from zloam_monitor.records import HEALTH
 
@@ -144,7 +144,7 @@ def map_info(build: Path, folder: Path) -> dict[str, Any]:
     return session
 
 
-@pytest.mark.parametrize("mode", ["localize", "extend"])
+@pytest.mark.parametrize("mode", one_quick(("localize", "extend"), "extend"))
 def test_a_store_that_comes_late_keeps_its_map(
     build: Path, robot_file: Path, again: Capture, mapped: Path, tmp_path: Path, mode: str
 ) -> None:
