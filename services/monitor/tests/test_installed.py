@@ -91,7 +91,13 @@ def test_modules_of_the_current_folder_are_not_imported(installed: Path, tmp_pat
     assert "none.yaml: No such file" in zloam(installed, *words, folder=folder).stderr
     if not (ROOT / ".venv/bin/python").exists():
         pytest.skip("no .venv in the checkout: it is made by make build")
-    done = subprocess.run(
-        [ROOT / "bin/zloam", *words], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert "none.yaml: No such file" in done.stderr
+    for empty_entry in ("", ":", ":/elsewhere", "/elsewhere:", "/elsewhere::/other"):
+        done = subprocess.run(
+            [ROOT / "bin/zloam", *words],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": empty_entry},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert "none.yaml: No such file" in done.stderr, empty_entry
