@@ -8,6 +8,8 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -120,6 +122,15 @@ def needs_compose() -> None:
 
 #: Nothing is waited for longer than this; it only limits the time of a test that fails.
 PATIENCE_S = 60.0
+
+
+def until(chain: Chain, holds: Callable[[], object]) -> None:
+    """Follows the chain until this holds."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not holds():
+        chain.link.poll(0.05)
+        chain.check()
+        assert time.monotonic() < deadline, chain.link.statuses
 
 
 def kill(chain: Chain, *stages: str) -> None:

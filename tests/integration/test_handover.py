@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.integration.conftest import Capture, digests, monitor, simulate
+from tests.integration.conftest import PATIENCE_S, Capture, digests, monitor, simulate
 from tests.integration.live_run import (
     REPLACED,
     STORE_LINK_S,
@@ -37,7 +37,6 @@ FIRST, APART = 40, 30
 #: A process is stopped for this long: more than the time after which a silent link ends
 #: (zenoh.lease_ms).
 STOPPED_S = 5.0
-PATIENCE_S = 60.0
 #: Limit of the error: a factor on the undisturbed run's, plus metres. A mapping that takes over has
 #: the whole map of its predecessor, but not its calibration of its own errors (with six hand-overs
 #: in 27 s 0.019 to 0.028 m instead of 0.016; with only the store's map 0.05).

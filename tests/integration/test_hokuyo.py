@@ -9,7 +9,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ import yaml
 from tests.hokuyo import peer, simulated
 from tests.hokuyo.device import Device, SerialDevice, TcpDevice
 from tests.hokuyo.simulated import Session
-from tests.integration.conftest import PATIENCE_S, ROOT, digests, kill, monitor
+from tests.integration.conftest import PATIENCE_S, ROOT, digests, kill, monitor, until
 from tests.integration.replay_run import replayed
 from zloam_monitor import evaluation, sources, trajectory
 from zloam_monitor.chain import Chain
@@ -256,13 +255,6 @@ class Live:
                 time.sleep(0.01)
             self._tell(shift_ns + int(1e9 * since_s), angle)
 
-    def until(self, holds: Callable[[], bool]) -> None:
-        ends = time.monotonic() + PATIENCE_S
-        while not holds():
-            assert time.monotonic() < ends
-            self.chain.link.poll(0.1)
-            self.chain.processes.check()
-
     def until_sent(self) -> None:
         while not self.device.finished:
             self.chain.link.poll(0.1)
@@ -298,7 +290,7 @@ class Live:
 def test_live_with_a_killed_odometry(build: Path, drive: Session, tmp_path: Path) -> None:
     with Live(build, TcpDevice(drive.log, 1.5 * LIVE_SECONDS), drive, tmp_path) as live:
         link = live.chain.link
-        live.until(lambda: len(link.poses) >= 50)
+        until(live.chain, lambda: len(link.poses) >= 50)
         last = max(link.poses)
         kill(live.chain, "odometry")
         live.chain.start("odometry", "odometry-again")
@@ -317,7 +309,7 @@ def test_live(
 ) -> None:
     with Live(build, kind(drive.log, LIVE_SECONDS), drive, tmp_path) as live:
         live.until_sent()
-        live.until(lambda: len(live.chain.link.poses) >= 9 * LIVE_SECONDS)
+        until(live.chain, lambda: len(live.chain.link.poses) >= 9 * LIVE_SECONDS)
         assert live.error_m() <= AS_UNDISTURBED_M
         assert live.asked[0] == b"QT"
         assert live.asked.count(b"TM1") == 10

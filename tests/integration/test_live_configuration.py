@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from tests.integration.conftest import Capture, digests, monitor, simulate
-from tests.integration.test_replicas import FILES, PATIENCE_SECONDS, REPLICAS, SharedChain, books
+from tests.integration.conftest import PATIENCE_S, Capture, digests, monitor, simulate, until
+from tests.integration.test_replicas import FILES, REPLICAS, SharedChain, books
 from zloam_monitor import messages
 from zloam_monitor.keys import Keys
 from zloam_monitor.messages import text
@@ -64,7 +64,7 @@ class Watching(SharedChain):
             self.features[text(header.Instance())][header.Sweep()] = header.ConfigRev()
 
     def until_poses(self, count: int) -> None:
-        self.until(lambda: len(self.link.poses) >= count)
+        until(self, lambda: len(self.link.poses) >= count)
 
     def shared(self) -> bool:
         """Whether the replicas of registration know of each other. One that knows of no other
@@ -85,7 +85,7 @@ class Watching(SharedChain):
     def command_all(self) -> dict[str, RevisionRecord]:
         """Commands all of CHANGES; returns the revision that each stage then publishes."""
         if len(self.replicas) > 1:
-            self.until(self.shared)
+            until(self, self.shared)
         replies = {stage: self.command(stage, values) for stage, values in CHANGES.items()}
         assert all(reply.ok for reply in replies.values()), replies
         revisions = {r.stage: r for r in self.link.query_revisions()}
@@ -230,7 +230,7 @@ def test_a_stage_that_was_killed_goes_on_with_the_revision(
             name = REPLICAS[0] if stage == "registration" else stage
             killed = chain.processes.running.pop(name)
             killed.send(signal.SIGKILL)
-            killed.wait(PATIENCE_SECONDS)
+            killed.wait(PATIENCE_S)
             if stage == "registration":
                 chain.start_replica(stage, REPLICAS[1])
             else:

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from tests.integration.browser import Browser
+from tests.integration.conftest import PATIENCE_S
 from zloam_monitor.web.server import _Handler
-
-PATIENCE_S = 60.0
 
 
 class Robot:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.integration.conftest import PATIENCE_S, Capture, kill, monitor
+from tests.integration.conftest import Capture, kill, monitor, until
 from tests.integration.replay_run import chain_of
 from tests.integration.test_views import Program
 from tests.integration.views import fetched
@@ -80,14 +80,6 @@ def published_ns(payload: bytes) -> int:
     """Time of publication by the preview's own clock: the last trace point."""
     header = messages.decode("Preview", payload).Header()
     return int(header.Trace(header.TraceLength() - 1).PublishedNs())
-
-
-def until(chain: Chain, holds: Any) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not holds():
-        chain.link.poll(0.05)
-        chain.check()
-        assert time.monotonic() < deadline, "it never happened"
 
 
 def published_points(chain: Chain) -> NDArray[np.float64]:

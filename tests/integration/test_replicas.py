@@ -4,12 +4,12 @@ instance."""
 import signal
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from tests.integration.conftest import Capture, digests
+from tests.integration.conftest import PATIENCE_S, Capture, digests, until
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.processes import StageDied
@@ -20,7 +20,6 @@ Files = dict[str, str]
 Statuses = dict[tuple[str, str], StatusRecord]
 FILES = ("trajectory.tum", "odometry.tum", "map.pcd")
 REPLICAS = ("registration-a", "registration-b", "registration-c")
-PATIENCE_SECONDS = 60.0
 #: pace of the replay relative to real time: slow enough for replicas to join and leave
 SLOW = "0.4"
 
@@ -54,14 +53,7 @@ class SharedChain(Chain):
             return
         for instance, environment in self.replicas.items():
             self.start_replica("registration", instance, environment)
-        self.until(lambda: self.ready() >= set(self.replicas))
-
-    def until(self, true: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + PATIENCE_SECONDS
-        while not true():
-            self.link.poll(0.1)
-            assert time.monotonic() < deadline, self.link.statuses
-            self.check()
+        until(self, lambda: self.ready() >= set(self.replicas))
 
     def ready(self) -> set[str]:
         """Instances of registration whose status says ready."""
@@ -83,7 +75,7 @@ class SharedChain(Chain):
         while not self.finished():
             self.link.poll(0.2)
             self.check()
-            assert time.monotonic() - began < 4 * PATIENCE_SECONDS
+            assert time.monotonic() - began < 4 * PATIENCE_S
         self.link.query_statuses()
         codes = self.stop()
         assert set(codes.values()) == {0}, codes
@@ -170,15 +162,15 @@ def test_one_three_one_during_a_run(
     build: Path, robot_file: Path, capture: Capture, alone: Files, tmp_path: Path
 ) -> None:
     with SharedChain(build, robot_file, capture, tmp_path, SLOW) as chain:
-        chain.until(lambda: len(chain.link.poses) >= 5)
+        until(chain, lambda: len(chain.link.poses) >= 5)
         for instance in REPLICAS[1:]:
             chain.start_replica("registration", instance)
-        chain.until(lambda: chain.ready() >= set(REPLICAS))
-        chain.until(lambda: chain.sharing() >= set(REPLICAS))
+        until(chain, lambda: chain.ready() >= set(REPLICAS))
+        until(chain, lambda: chain.sharing() >= set(REPLICAS))
         for instance in REPLICAS[1:]:
             process = chain.processes.running.pop(instance)
             process.send(signal.SIGTERM)
-            assert process.wait(PATIENCE_SECONDS) == 0
+            assert process.wait(PATIENCE_S) == 0
         statuses = chain.follow()
         books(chain, statuses)
     assert digests(tmp_path, FILES) == alone
