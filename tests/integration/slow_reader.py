@@ -26,7 +26,7 @@ def main() -> None:
             gaps.take(topic, number)
         print(topic, number.seq if number else "-", gaps.lost()[topic], flush=True)
 
-    session = open_session(endpoints)
+    session = open_session(endpoints, shared_memory=False)
     subscriber = session.declare_subscriber(key, take)
     print("listening", subscriber.key_expr, flush=True)
     threading.Event().wait()

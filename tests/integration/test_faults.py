@@ -30,8 +30,8 @@ LIVE_SECONDS = 4.0
 #: The live capture is sent this many times slower than recorded, so that a busy machine drops
 #: nothing.
 LIVE_SLOWER = 2.0
-#: time that the slow subscriber takes for each message; a sweep causes a dozen messages
-SLOW_SECONDS = 0.1
+#: time that the slow subscriber takes for each message; a live sweep causes a dozen messages
+SLOW_SECONDS, SLOW_REPLAY_SECONDS = 0.1, 0.02
 
 
 def replay(
@@ -90,9 +90,11 @@ def test_the_pace_is_in_no_file(
 class SlowReader:
     """A third party's subscriber of all keys of the robot that takes long for each message."""
 
-    def __init__(self, base_port: int, key: str, folder: Path) -> None:
+    def __init__(
+        self, base_port: int, key: str, folder: Path, seconds: float = SLOW_SECONDS
+    ) -> None:
         self._said = folder / "slow_reader.txt"
-        arguments = [str(SLOW_SECONDS), key, *endpoints(base_port)]
+        arguments = [str(seconds), key, *endpoints(base_port)]
         with self._said.open("wb") as out:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "tests.integration.slow_reader", *arguments],
@@ -194,12 +196,10 @@ def test_a_replay_waits_for_a_slow_reader_of_the_map(
     build: Path, robot_file: Path, capture: Capture, tmp_path: Path
 ) -> None:
     """What a recorder or a store keeps of a replay must not depend on how fast it is."""
-    with (
-        replaying(build, robot_file, capture, tmp_path) as chain,
-        contextlib.closing(
-            SlowReader(chain.base_port, chain.link.keys.below("map/**"), tmp_path)
-        ) as reader,
-    ):
+    with replaying(build, robot_file, capture, tmp_path) as chain, contextlib.ExitStack() as stack:
+        key = chain.link.keys.below("map/**")
+        reader = SlowReader(chain.base_port, key, tmp_path, SLOW_REPLAY_SECONDS)
+        stack.callback(reader.close)
         until(chain, chain.finished)
         chain.link.query_statuses()
         published = chain.statuses()["mapping"].published

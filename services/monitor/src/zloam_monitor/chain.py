@@ -83,10 +83,11 @@ class Chain:
         ports: Ports | None = None,
         programs: Mapping[str, str] | None = None,
         beside: Sequence[str] = (),
+        replay: bool = False,
     ) -> None:
         """Without `ports` the stages listen on free ports of this machine. `programs`: stage ->
         program that replaces its own (methods.py). `beside`: optional stages, which are started
-        first and must also reach the end of the run."""
+        first and must also reach the end of the run. `replay`: the stages wait for `link`."""
         chosen = programs or {}
         connects = robot_file.connects(config, list(settings))
         self.processes = Processes()
@@ -106,7 +107,8 @@ class Chain:
         self._beside = tuple(beside)
         self._logs = logs
         keys = Keys(robot, sensor)
-        self.link = Link(open_session([], self._own_endpoint()), keys)
+        session = open_session([], self._own_endpoint(), shared_memory=not replay)
+        self.link = Link(session, keys)
 
     @property
     def base_port(self) -> int:

@@ -144,6 +144,7 @@ def _heard(options: DemoOptions, claim: Claim) -> Run:
         options.ports,
         options.programs,
         options.beside,
+        replay=True,
     )
     # The chain opens its session when it is constructed, so it must be closed even if not entered.
     with closing(chain), recorder.beside(chain.link, options.record) as recording, chain:

@@ -79,10 +79,17 @@ def _identifier(initiative: int) -> str:
 
 
 @_said()
-def open_session(endpoints: list[str], listen: str = "tcp/127.0.0.1:0") -> Any:
+def open_session(
+    endpoints: list[str], listen: str = "tcp/127.0.0.1:0", shared_memory: bool = True
+) -> Any:
     """Opens a peer that connects to these endpoints, retrying without end, and to the peers that
-    they announce. Without endpoints it waits for others to connect. No multicast."""
+    they announce. Without endpoints it waits for others to connect. No multicast.
+
+    Without shared memory nothing of a replay is lost, as its publishers then wait for this process:
+    of what they share they don't know whether it was read, and take it back when they need room."""
     config = zenoh.Config()
+    if not shared_memory:
+        config.insert_json5("transport/shared_memory/enabled", "false")
     config.insert_json5("id", json.dumps(_identifier(255 if endpoints else 0)))
     config.insert_json5("mode", '"peer"')
     config.insert_json5(
