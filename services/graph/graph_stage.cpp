@@ -4,6 +4,7 @@
 #include <array>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "common/geometry/atomic_file.hpp"
 #include "common/runtime/recall.hpp"
@@ -62,7 +63,7 @@ void GraphStage::new_run(const msg::Header& first) {
   begin(first.map_id());
   run_ = first.run();
   replay_ = first.replay();
-  if (!was_in_run && first.sweep() > 0) catch_up(first);
+  if (!was_in_run) catch_up(first);
 }
 
 void GraphStage::begin(std::uint64_t map_id) {
@@ -74,6 +75,7 @@ void GraphStage::begin(std::uint64_t map_id) {
   last_.reset();
   unsaved_ = false;
   is_lost_ = true;
+  starts_late_ = false;
 }
 
 bool GraphStage::follow_map(const msg::Header& header, std::int64_t instant_ns) {
@@ -106,9 +108,12 @@ std::vector<GraphStage::SubmapMessage> GraphStage::recall_submaps(const msg::Hea
   // A store has all submaps, mapping the last ones.
   std::vector<SubmapMessage> submaps =
       runtime::recall_at<msg::Submap>(stage_, stage_.keys().all_kept_submaps(), kTries, false);
-  for (SubmapMessage& submap : runtime::recall<msg::Submap>(
-           stage_, Key::kSubmap, runtime::sweeps_from(first.run(), 0, first.sweep() - 1), kTries)) {
-    submaps.push_back(std::move(submap));
+  if (first.sweep() > 0) {
+    const std::string before = runtime::sweeps_from(first.run(), 0, first.sweep() - 1);
+    for (SubmapMessage& submap :
+         runtime::recall<msg::Submap>(stage_, Key::kSubmap, before, kTries)) {
+      submaps.push_back(std::move(submap));
+    }
   }
   // Submaps of the same map before the path are of another session, which was stored.
   const auto is_of_session = [&](const SubmapMessage& m) {
@@ -123,19 +128,31 @@ std::vector<GraphStage::SubmapMessage> GraphStage::recall_submaps(const msg::Hea
   return submaps;
 }
 
-void GraphStage::catch_up(const msg::Header& first) {
+// Sweep 0 may come late in its map: driver and graph were started again together.
+bool GraphStage::has_missed(const msg::Header& first) {
+  if (first.sweep() == 0 && (first.replay() || first.map_id() == first.run())) return false;
   recall_path();
-  const std::vector<SubmapMessage> submaps = recall_submaps(first);
-  for (const SubmapMessage& submap : submaps) take(submap);
-  note_recalled(submaps);
+  const auto goes_on = [&](const TimedPose& p) {
+    return p.instant_ns < first.stamp_ns() &&
+           runtime::goes_on(first, p.instant_ns, runtime::kLongestSearch_ns);
+  };
+  if (first.sweep() > 0 || std::ranges::any_of(path_, goes_on)) return true;
+  // An earlier drive in this map has files of its own.
+  path_.clear();
+  is_lost_ = true;
+  return false;
+}
+
+void GraphStage::catch_up(const msg::Header& first) {
+  if (!has_missed(first)) return;
+  starts_late_ = true;
+  for (const SubmapMessage& submap : recall_submaps(first)) take(submap);
   runtime::log_info("taken up in the middle of a run",
                     {{"submaps", graph_.nodes().size()}, {"poses", path_.size()}});
 }
 
 // The first submap of a map names itself as the one before.
-void GraphStage::note_recalled(const std::vector<SubmapMessage>& submaps) {
-  if (submaps.empty()) return;
-  const SubmapMessage& first = submaps.front();
+void GraphStage::note_recalled(const SubmapMessage& first) {
   const bool from_the_start = first->prev_frame_sweep() == first->frame_sweep();
   const bool has_path = !path_.empty() && path_.front().instant_ns <= first->instant_ns();
   if (from_the_start && has_path) return;
@@ -153,6 +170,7 @@ void GraphStage::take(const SubmapMessage& message) {
   const bool is_known =
       !graph_.nodes().empty() && message->instant_ns() <= graph_.nodes().back().instant_ns;
   if (is_of_map && structs_of(message->points()).size() > 0 && !is_known) {
+    if (std::exchange(starts_late_, false)) note_recalled(message);
     const double begin_ms = 1e-6 * static_cast<double>(stage_.now_ns());
     const Submap submap = submap_of(*message);
     const Update update = graph_.add(submap);

@@ -37,9 +37,12 @@ class GraphStage {
   /// Requests poses and submaps of the map so far, for a graph that was started in the middle of a
   /// run.
   void catch_up(const msg::Header& first);
+  /// Recalls the path; false: this is the first message of the drive.
+  bool has_missed(const msg::Header& first);
   void recall_path();
   std::vector<SubmapMessage> recall_submaps(const msg::Header& first);
-  void note_recalled(const std::vector<SubmapMessage>& submaps);
+  /// first: the first submap of a graph that starts in the middle of a drive, recalled or new.
+  void note_recalled(const SubmapMessage& first);
   void take(const SubmapMessage& message);
   void take(const PoseMessage& message);
   void note_end(const msg::Header& header);
@@ -75,6 +78,8 @@ class GraphStage {
   bool unsaved_ = false;
   /// all poses of this map so far
   bool is_lost_ = true;
+  /// started in the middle of a drive, of which no submap has come yet
+  bool starts_late_ = false;
   std::uint64_t run_ = 0;
   bool replay_ = false;
 };

@@ -47,11 +47,28 @@ def submaps(run: LiveRun) -> float:
     return status.figures.get("submaps", 0.0) if status else 0.0
 
 
+def is_new(run: LiveRun, before: StatusRecord) -> bool:
+    """Whether another instance of the graph than the one before is there."""
+    status = run.chain.link.stage("graph")
+    return status is not None and status.instance != before.instance
+
+
 def has_taken_over(run: LiveRun, before: StatusRecord) -> bool:
     """Whether another instance of the graph has as many submaps as the one before."""
+    return is_new(run, before) and submaps(run) >= before.figures["submaps"]
+
+
+def wait_for_submaps(run: LiveRun) -> StatusRecord:
+    """Waits for some submaps; returns the graph's status."""
+    run._until(lambda: submaps(run) >= SOME_SUBMAPS)
     status = run.chain.link.stage("graph")
-    is_new = status is not None and status.instance != before.instance
-    return is_new and submaps(run) >= before.figures["submaps"]
+    assert status is not None
+    return status
+
+
+def maps_of(folder: Path) -> set[Path]:
+    """Files of mapping's maps."""
+    return {path for path in folder.glob("map*.pcd") if "world" not in path.name}
 
 
 def smooth(path: Path) -> Trajectory:
@@ -92,9 +109,7 @@ def test_a_graph_that_is_killed_after_the_driver_lacks_nothing(
         run.until_poses(FIRST_PART)
         last = run.restart("driver")
         run._until(lambda: sum(r != last.run for r, _ in run.mapped) >= SECOND_PART)
-        run._until(lambda: submaps(run) >= SOME_SUBMAPS)
-        undisturbed = run.chain.link.stage("graph")
-        assert undisturbed is not None
+        undisturbed = wait_for_submaps(run)
         kill(run.chain, "graph")
         start_graph(build, robot_file, run, "graph-again")
         run._until(lambda: has_taken_over(run, undisturbed))
@@ -105,6 +120,26 @@ def test_a_graph_that_is_killed_after_the_driver_lacks_nothing(
     assert again.figures["submaps"] >= undisturbed.figures["submaps"]
     # On a busy machine the driver may be away for so long that mapping begins another map.
     written = [smooth(path) for path in tmp_path.glob("trajectory_world*.tum")]
-    maps = {path for path in tmp_path.glob("map*.pcd") if "world" not in path.name}
-    assert len(written) == len(maps)
+    assert len(written) == len(maps_of(tmp_path))
     assert sum(map(len, written)) == mapped_poses(run, statuses)
+
+
+def test_a_graph_that_is_started_again_with_the_driver_lacks_nothing(
+    build: Path, robot_file: Path, drive: Capture, tmp_path: Path
+) -> None:
+    """Its first message is sweep 0 of the driver's second run, in the map of the first one."""
+    run = LiveRun(build, robot_file, drive, tmp_path, seconds=SECONDS)
+    start_graph(build, robot_file, run, "graph")
+    with run:
+        run.until_poses(FIRST_PART)
+        before, last = wait_for_submaps(run), list(run.poses.values())[-1]
+        kill(run.chain, "graph", "driver")
+        start_graph(build, robot_file, run, "graph-again")
+        run._until(lambda: is_new(run, before))
+        run.chain.start("driver", "driver-again")
+        run._until(lambda: sum(r != last.run for r, _ in run.mapped) >= SECOND_PART)
+        statuses = run.end()
+    if len(maps_of(tmp_path)) > 1:
+        pytest.skip("the driver was away for so long that mapping began another map")
+    assert len(smooth(tmp_path / "trajectory_world.tum")) == mapped_poses(run, statuses)
+    assert statuses["graph"].figures["submaps"] > before.figures["submaps"]
