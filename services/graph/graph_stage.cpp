@@ -192,6 +192,7 @@ void GraphStage::take(const PoseMessage& message) {
   const bool is_of_map = follow_map(message.header(), message->instant_ns());
   if (is_of_map && (path_.empty() || message->instant_ns() > path_.back().instant_ns)) {
     path_.push_back({message->instant_ns(), message.sweep(), pose_of(message->pose_map_base())});
+    note_header(message);
     unsaved_ = true;
     is_lost_ = is_lost_ && health_of(message->health()) == Health::kLost;
   }
@@ -249,14 +250,19 @@ void GraphStage::note_fit() {
                                  "command/graph/remove (loops: get graph/loop)");
 }
 
+// Answers name the run and the map of the newest message, also before its map has a submap.
+void GraphStage::note_header(const runtime::Message& cause) {
+  header_ = poses_.header(cause);
+  header_.frame = "world";
+}
+
 void GraphStage::publish_poses(const SubmapMessage& cause) {
   std::vector<msg::SubmapPose> poses;
   for (const Node& node : graph_.nodes()) {
     poses.emplace_back(node.sweep, node.instant_ns, to_message(node.T_map_submap),
                        to_message(node.T_world_submap));
   }
-  header_ = poses_.header(cause);
-  header_.frame = "world";
+  note_header(cause);
   GraphPosesFields fields;
   fields.revision = graph_.revision();
   fields.poses = poses;
@@ -267,6 +273,7 @@ void GraphStage::publish_poses(const SubmapMessage& cause) {
 }
 
 void GraphStage::answer_path(runtime::Answer& answer) {
+  if (path_.empty()) return answer.refuse("no pose of this map has come yet");
   std::vector<msg::StampedPose> poses;
   for (const TimedPose& p : path_) {
     poses.emplace_back(p.instant_ns, p.sweep,

@@ -48,6 +48,7 @@ class GraphStage {
   void note_end(const msg::Header& header);
   void publish(const SubmapMessage& cause, const Update& update);
   void note_fit();
+  void note_header(const runtime::Message& cause);
   void publish_poses(const SubmapMessage& cause);
   void answer_path(runtime::Answer& answer);
   /// All loops that were ever candidates, with their present verdicts.

@@ -10,7 +10,7 @@ import pytest
 
 from tests.integration.conftest import Capture, kill, simulate
 from tests.integration.live_run import SPARE_S, LiveRun, beside_command
-from zloam_monitor import clouds
+from zloam_monitor import clouds, messages
 from zloam_monitor.records import StatusRecord
 from zloam_monitor.trajectory import Trajectory, read
 
@@ -66,6 +66,16 @@ def wait_for_submaps(run: LiveRun) -> StatusRecord:
     return status
 
 
+def world_path(run: LiveRun) -> tuple[int, int]:
+    """The map that the graph's path names, and the path's first instant; zeros without a pose."""
+    answers = run.chain.link.get(run.chain.link.keys.path_world)
+    path = next((messages.decode("Path", each) for each in answers), None)
+    if path is None:
+        return 0, 0
+    poses = messages.struct_vector(path, "Poses", messages.STAMPED_POSE)
+    return path.Header().MapId(), int(poses["instant_ns"][0])
+
+
 def maps_of(folder: Path) -> set[Path]:
     """Files of mapping's maps."""
     return {path for path in folder.glob("map*.pcd") if "world" not in path.name}
@@ -88,6 +98,10 @@ def test_each_map_of_a_run_has_its_own_files(
         reply = run.chain.link.command("mapping", "reset", {})
         assert reply is not None
         assert reply.ok
+        reset_ns = list(run.mapped.values())[-1].instant_ns
+        run._until(lambda: world_path(run)[1] > reset_ns)
+        # Before the new map's first submap, too, the answer names it.
+        assert world_path(run)[0] == reply.results["map_id"]
         run.until_poses(len(run.poses) + SECOND_PART)
         statuses = run.end()
     first, second = (smooth(tmp_path / f"trajectory_world{n}.tum") for n in ("", "_2"))
