@@ -1,7 +1,10 @@
 // Decides which verified loops are accepted: those that other loops confirm, within a session and
 // between two.
 
+#include <algorithm>
 #include <cmath>
+#include <map>
+#include <utility>
 
 #include "graph/loop_graph_state.hpp"
 
@@ -70,6 +73,30 @@ bool LoopGraph::State::join(const Loop& loop, std::vector<Loop>& decided) {
   }
   const bool accepted = agreeing.size() + 1 >= kJoining && agreeing.size() + 1 > others;
   return settle(loop, accepted, agreeing, decided);
+}
+
+// Sessions between which fewer than kJoining loops are left, after others were taken back, are
+// separate again, and the loops between them wait for others. Sessions that a third one joins stay.
+void LoopGraph::State::part(std::vector<Loop>& decided) {
+  std::map<std::pair<std::size_t, std::size_t>, std::size_t> between;
+  for (const Loop& loop : loops) {
+    const std::size_t a = nodes[loop.from].session, b = nodes[loop.to].session;
+    if (loop.verdict == Verdict::kAccepted) ++between[{std::min(a, b), std::max(a, b)}];
+  }
+  // The first session of those that are joined.
+  std::vector<std::size_t> first;
+  for (std::size_t i = 0; i < sessions.size(); ++i) first.push_back(i);
+  for (const auto& [pair, count] : between) {
+    if (count < kJoining) continue;
+    const std::size_t a = first[pair.first], b = first[pair.second];
+    std::replace(first.begin(), first.end(), std::max(a, b), std::min(a, b));
+  }
+  for (Loop& loop : loops) {
+    const bool joins = first[nodes[loop.from].session] == first[nodes[loop.to].session];
+    if (joins || loop.verdict != Verdict::kAccepted) continue;
+    loop.verdict = Verdict::kAlone;
+    decided.push_back(loop);
+  }
 }
 
 // Stores a new loop and, if it is accepted, accepts the loops that confirm it too.

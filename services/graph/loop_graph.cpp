@@ -189,6 +189,7 @@ bool LoopGraph::State::optimise(std::vector<Loop>& decided) {
     if (!worst) break;
     worst->verdict = Verdict::kTakenBack;
     decided.push_back(*worst);
+    part(decided);
     start = aligned();
     poses = start.poses;
   }

@@ -54,6 +54,7 @@ struct LoopGraph::State {
   bool bears_out(const Loop& a, const Loop& b) const;
   bool confirm(const Loop& loop, std::vector<Loop>& decided);
   bool join(const Loop& loop, std::vector<Loop>& decided);
+  void part(std::vector<Loop>& decided);
   bool settle(Loop loop, bool accepted, const std::vector<Loop*>& with, std::vector<Loop>& decided);
   bool joins_strangers(const Loop& loop) const;
   bool decide(std::size_t to, std::vector<Loop>& decided);

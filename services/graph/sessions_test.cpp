@@ -93,6 +93,22 @@ TEST(Sessions, ThreeOfWhichTwoShareNothingAreJoinedByTheThird) {
   EXPECT_LT((between.translation() - Eigen::Vector3d(120.0, 0.0, 0.0)).norm(), 0.3);
 }
 
+// Each two loops agree within the drift that the way between them may cause, but the submaps' own
+// covariances exclude it: all but one loop are taken back, and one joins nothing.
+TEST(Sessions, OneLoopThatIsLeftOfThreeJoinsNothing) {
+  TestTown town(1);
+  const std::vector<Pose> round = rounds(40.0, 1);
+  const std::vector<Pose> part(round.begin() + 7, round.begin() + 17);
+  for (const double scale : {1.0, 1.05}) {
+    TestDrive second = in_its_own_map(drive(town, part, 0.005, 0.0003, 51));
+    for (Submap& submap : second.submaps) submap.T_map_submap.translation() *= scale;
+    LoopGraph graph{GraphConfig{}};
+    add(graph, in_its_own_map(drive(town, round, 0.005, 0.0003, 1)), 0);
+    add(graph, second, 1);
+    EXPECT_EQ(graph.frame_of(1), scale == 1.0 ? 0U : 1U) << scale;
+  }
+}
+
 TEST(Sessions, OtherTownsAreNotJoined) {
   for (unsigned seed = 1; seed <= 8; ++seed) {
     TestTown here(seed), there(seed + 100);
