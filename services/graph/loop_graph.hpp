@@ -5,9 +5,9 @@
 // A loop is accepted when four conditions hold: the two submaps overlap enough
 // (verification.hpp); no other place is nearly as good, or the way between excludes it; it
 // lies within the possible drift of the way between; and another loop nearby agrees with it.
-// Loops that contradict the others after the fit are taken back. The poses depend on the
-// submaps and on the loops in force, never on the order of their arrival: a removed loop
-// leaves no trace.
+// Loops that contradict the others after the fit are taken back, until a loop is removed: then they
+// are tried again. The poses depend on the submaps and on the loops in force, never on the order of
+// their arrival.
 //
 // Submaps belong to one session or to several: separate drives, each in its own map. The relative
 // pose of two sessions is unknown until loops determine it: three that agree, and more than agree
