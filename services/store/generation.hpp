@@ -4,6 +4,7 @@
 // have no order, so maps are numbered in the order in which the store first received them.
 
 #include <cstdint>
+#include <optional>
 
 #include "store/tile_store.hpp"
 
@@ -25,6 +26,21 @@ class Generations {
   std::uint64_t number_ = 0;
   std::uint64_t run_ = 0;
   std::uint64_t map_id_ = 0;
+};
+
+/// Which runs add to the map of another one, by their tiles; others only look at it.
+class Extensions {
+ public:
+  void tile_came(std::uint64_t run, std::uint64_t map_id) {
+    if (map_id != run) run_ = run;
+  }
+  bool only_looks(std::uint64_t run, std::uint64_t map_id) const {
+    return map_id != 0 && map_id != run && run_ != run;
+  }
+
+ private:
+  /// the last one that added
+  std::optional<std::uint64_t> run_;
 };
 
 }  // namespace zloam::store

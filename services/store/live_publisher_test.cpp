@@ -1,10 +1,12 @@
-// LivePublisher: from which publisher the store accepts messages.
+// From which publisher the store accepts messages, and which runs only look at its map.
 
 #include "store/live_publisher.hpp"
 
 #include <gtest/gtest.h>
 
 #include <limits>
+
+#include "store/generation.hpp"
 
 namespace zloam::store {
 namespace {
@@ -63,6 +65,18 @@ TEST(LivePublisher, AnAbsurdInstantOnDiskIsKnownForWhatItIs) {
   EXPECT_TRUE(p.is_beyond(std::numeric_limits<std::int64_t>::max()));
   EXPECT_FALSE(p.is_beyond(kNow));
   EXPECT_FALSE(p.is_beyond(kNow - 3600 * kSecond));
+}
+
+TEST(Extensions, ARunAfterOneThatExtendedTheMapOnlyLooksAtIt) {
+  constexpr std::uint64_t kMap = 7, kExtending = 8, kLocalizing = 9;
+  Extensions extensions;
+  EXPECT_TRUE(extensions.only_looks(kExtending, kMap));
+  extensions.tile_came(kExtending, kMap);
+  EXPECT_FALSE(extensions.only_looks(kExtending, kMap));
+  EXPECT_TRUE(extensions.only_looks(kLocalizing, kMap));
+  EXPECT_FALSE(extensions.only_looks(kMap, kMap));
+  extensions.tile_came(kMap, kMap);
+  EXPECT_FALSE(extensions.only_looks(kExtending, kMap));
 }
 
 }  // namespace

@@ -218,7 +218,7 @@ bool StoreStage::is_believed(const Held& held) const {
 }
 
 void StoreStage::take(const TileMessage& tile) {
-  is_extended_ = tile.header().map_id() != tile.run();
+  extensions_.tile_came(tile.run(), tile.header().map_id());
   take(*tile, tile.raw().bytes);
 }
 
@@ -233,8 +233,7 @@ void StoreStage::take(const msg::MapTile& tile, std::span<const std::uint8_t> by
 /// A replay that localizes in the map of another run stores no pose, so that repeating the replay
 /// starts from the same state. A replay that extends that map does store its poses.
 bool StoreStage::only_looks(const msg::Header& header) const {
-  return header.replay() && header.map_id() != 0 && header.map_id() != header.run() &&
-         !is_extended_;
+  return header.replay() && extensions_.only_looks(header.run(), header.map_id());
 }
 
 void StoreStage::take(const PoseMessage& pose) {

@@ -114,8 +114,7 @@ class StoreStage {
   LivePublisher publisher_;
   /// the newest pose of a map of which neither a tile nor a submap has come yet
   std::optional<PoseMessage> early_pose_;
-  /// tiles came from a run that extends the map of another one
-  bool is_extended_ = false;
+  Extensions extensions_;
   /// the publisher has just changed
   bool is_new_ = true;
   std::deque<Held> held_;
