@@ -243,7 +243,12 @@ Place RecordLog::append(std::span<const std::uint8_t> body) {
 
 void RecordLog::sync() {
   if (unsynced_ == 0) return;
-  segment_.sync();
+  try {
+    segment_.sync();
+  } catch (const std::system_error& e) {
+    if (sync_error_.empty()) sync_error_ = e.what();
+    throw;
+  }
   unsynced_ = 0;
 }
 

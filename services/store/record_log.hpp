@@ -66,6 +66,9 @@ class RecordLog {
   /// Bytes that a power failure would lose.
   std::uint64_t unsynced_bytes() const { return unsynced_; }
   void sync();
+  /// Why the first sync that failed did so, whoever needed it; empty: none failed. The system may
+  /// drop what it could not write, and report the next attempt as good.
+  const std::string& sync_error() const { return sync_error_; }
 
   std::vector<std::uint8_t> read(const Place& place) const;
 
@@ -111,6 +114,7 @@ class RecordLog {
   AppendFile segment_;
   std::uint64_t number_ = 0;
   std::uint64_t unsynced_ = 0;
+  std::string sync_error_;
   std::uint64_t bytes_ = 0;
 };
 

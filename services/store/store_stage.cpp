@@ -322,13 +322,13 @@ void StoreStage::put(const std::string& key, Key kind, const Rank& rank,
   say_disk();
 }
 
-/// The system may drop what it could not write, and report the next attempt as good.
+/// The store remembers a failure; each is told once.
 void StoreStage::sync() {
+  const bool is_first = store_.sync_error().empty();
   try {
     store_.sync();
   } catch (const std::system_error& e) {
-    if (sync_error_.empty()) runtime::log_error("not on disk", {{"what", e.what()}});
-    sync_error_ = e.what();
+    if (is_first) runtime::log_error("not on disk", {{"what", e.what()}});
   }
 }
 
@@ -339,9 +339,9 @@ std::string StoreStage::lacks() const {
     text = std::to_string(unstored_.size()) + " messages of the map are not in " + config_.path +
            " (" + disk_error_ + "): make room there, and map again or restart mapping";
   }
-  if (!sync_error_.empty()) {
-    text += (text.empty() ? "" : "; ") + config_.path + " was not written to the disk (" +
-            sync_error_ + "): parts of the map may be lost at a power failure";
+  if (const std::string& error = store_.sync_error(); !error.empty()) {
+    text += (text.empty() ? "" : "; ") + config_.path + " was not written to the disk (" + error +
+            "): parts of the map may be lost at a power failure";
   }
   return text;
 }

@@ -102,7 +102,7 @@ class StoreStage {
   std::uint64_t old_ = 0;
   /// keys of messages that could not be written, and why the last one could not
   std::set<std::string> unstored_;
-  std::string disk_error_, sync_error_;
+  std::string disk_error_;
   /// why the map before this one is not kept
   std::string keep_error_;
   /// a live run has a part in the current map; nothing: not looked yet

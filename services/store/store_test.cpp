@@ -389,6 +389,20 @@ TEST_F(Store, WhatIsStoredAfterASegmentCouldNotBeCreatedIsReadable) {
   EXPECT_FALSE(again.recovery().damaged) << again.recovery().missing;
 }
 
+// A device that takes all bytes and can't be synced. Each segment holds one record, so the store
+// syncs it when it opens the next one, before anybody asks it to.
+TEST_F(Store, WhatCouldNotBeSyncedIsKnownWhoeverNeededIt) {
+  StoreLimits small;
+  small.log.segment_bytes = 100;
+  TileStore store(root_, small);
+  store.put(message("a", 1));
+  fs::create_symlink("/dev/null", root_ / "00000002.log");
+  store.put(message("b", 1));
+  EXPECT_EQ(store.sync_error(), "");
+  EXPECT_THROW(store.put(message("c", 1)), std::system_error);
+  EXPECT_THAT(store.sync_error(), testing::HasSubstr("00000002.log"));
+}
+
 constexpr int kPuts = 30;
 constexpr int kCompactAt = 15;
 

@@ -56,6 +56,7 @@ class TileStore {
   std::vector<std::string> keys() const;
 
   void sync() { log_.sync(); }
+  const std::string& sync_error() const { return log_.sync_error(); }
   std::uint64_t unsynced_bytes() const { return log_.unsynced_bytes(); }
   /// Compacts if the limits require it, or a new map was begun in a folder that lacks files, which
   /// would be missed at each start; true: done.
