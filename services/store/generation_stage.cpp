@@ -73,6 +73,7 @@ void StoreStage::begin(const msg::Header& header) {
   generations_.begin(header.run(), header.map_id());
   // What an obsolete map lacks is of no interest.
   unstored_.clear();
+  stage_.degraded("robot", "");
   has_live_ = false;
 }
 

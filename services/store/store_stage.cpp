@@ -105,6 +105,22 @@ void StoreStage::say_recovery() const {
                          {{"bytes", r.cut_bytes}, {"segments_set_aside", r.ignored_segments}});
   }
   say_damage();
+  say_stranger();
+}
+
+/// The map of another robot has other keys, so nobody here finds it.
+void StoreStage::say_stranger() const {
+  const std::string& own = stage_.keys().robot();
+  for (const std::string& key : store_.keys()) {
+    const std::string other(Keys::robot_of(key));
+    if (other.empty() || other == own) continue;
+    const std::string text = config_.path + " holds the map of robot " + other + ", and this is " +
+                             own + ": set robot to " + other +
+                             " to use it; the first map of this robot replaces it";
+    runtime::log_warning(text);
+    return stage_.degraded("robot", text);
+  }
+  stage_.degraded("robot", "");
 }
 
 void StoreStage::say_damage() const {

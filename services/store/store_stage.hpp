@@ -75,6 +75,7 @@ class StoreStage {
   void not_stored(const std::string& key, const std::string& why);
   void say_recovery() const;
   void say_damage() const;
+  void say_stranger() const;
 
   /// Results of a get's callbacks; outlives the stage when an answer is late.
   struct Fetched {

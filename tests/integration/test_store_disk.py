@@ -119,9 +119,16 @@ class Mapping:
 
 
 @contextlib.contextmanager
-def store_on(build: Path, tiles: Path, port: int) -> Iterator[subprocess.Popen[str]]:
+def store_on(
+    build: Path, tiles: Path, port: int, robot: str = "robot"
+) -> Iterator[subprocess.Popen[str]]:
     """A store that connects to this port."""
-    settings = ("zenoh.base_port=0", f"zenoh.connect=[tcp/127.0.0.1:{port}]", f"store.path={tiles}")
+    settings = (
+        "zenoh.base_port=0",
+        f"zenoh.connect=[tcp/127.0.0.1:{port}]",
+        f"store.path={tiles}",
+        f"robot={robot}",
+    )
     command = [str(binary(build, "store")), *(w for s in settings for w in ("--set", s))]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as store:
         try:
@@ -224,6 +231,26 @@ def test_a_map_that_cant_be_read_is_replaced_by_the_next_one(build: Path, tmp_pa
     assert store.returncode == 0, said
     assert f"the files of the map in {tiles}" in said, "the reason why it is not kept"
     assert not [p for p in tiles.iterdir() if p.is_dir()]
+
+
+def test_the_map_of_another_robot_is_named(build: Path, tmp_path: Path) -> None:
+    tiles = tmp_path / "tiles"
+    monday = map_in(build, tiles)
+    port = free_port()
+    asks = open_session([], f"tcp/127.0.0.1:{port}")
+    reason = ""
+    try:
+        with store_on(build, tiles, port, robot="other"):
+            deadline = time.monotonic() + PATIENCE_S
+            while "map of robot robot" not in reason and time.monotonic() < deadline:
+                replies = asks.get(Keys("other").below("service/store/*/status"), timeout=5.0)
+                payloads = [r.ok.payload.to_bytes() for r in replies if r.ok is not None]
+                statuses = [messages.decode("Status", each) for each in payloads]
+                reason = " ".join(messages.text(each.Reason()) for each in statuses)
+    finally:
+        asks.close()
+    assert f"{tiles} holds the map of robot robot, and this is other" in reason
+    assert kept_in(build, tiles) == {monday}
 
 
 def test_tiles_that_mapping_did_not_send_are_in_the_exit_code(build: Path, tmp_path: Path) -> None:

@@ -185,6 +185,13 @@ bool Keys::is_kept_submap(std::string_view key) {
   return key.starts_with("loam/") && key.find("/map/submap/") != std::string_view::npos;
 }
 
+std::string_view Keys::robot_of(std::string_view key) {
+  constexpr std::string_view kRoot = "loam/";
+  if (!key.starts_with(kRoot)) return {};
+  key.remove_prefix(kRoot.size());
+  return key.substr(0, key.find('/'));
+}
+
 namespace {
 std::string service(std::string_view stage, std::string_view instance, std::string_view leaf) {
   return "service/" + chunk_or_all(stage) + "/" + chunk_or_all(instance) + "/" + std::string(leaf);

@@ -100,6 +100,8 @@ class Keys {
   std::string all_kept_submaps() const;
   /// Whether the key is that of a kept submap of any robot.
   static bool is_kept_submap(std::string_view key);
+  /// The robot whose key this is; empty: of none.
+  static std::string_view robot_of(std::string_view key);
   std::string status(std::string_view stage, std::string_view instance) const;
   std::string config(std::string_view stage, std::string_view instance) const;
   std::string time(std::string_view stage, std::string_view instance) const;

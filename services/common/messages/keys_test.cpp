@@ -29,6 +29,14 @@ TEST(Keys, AreFullAndNameRobotAndSensor) {
   EXPECT_EQ(keys.command("mapping", "save"), "loam/r1/command/mapping/save");
 }
 
+TEST(Keys, TellWhoseTheyAre) {
+  EXPECT_EQ(Keys::robot_of(Keys("r1", "top").tile("edge", -1, 0, 12)), "r1");
+  EXPECT_EQ(Keys::robot_of("loam/r1"), "r1");
+  for (const char* other : {"", "#map", "loam", "loam/", "other/r1/pose"}) {
+    EXPECT_EQ(Keys::robot_of(other), "") << other;
+  }
+}
+
 TEST(Keys, RefuseNamesThatWouldChangeTheKey) {
   for (const char* bad : {"", "a/b", "*", "**", "a?b", "a#b", "$*", "@x", "a b", "a\n"}) {
     EXPECT_THROW(Keys(bad, "top"), std::invalid_argument) << bad;
