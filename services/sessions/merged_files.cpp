@@ -137,7 +137,9 @@ std::string write_report(const Merged& merged, const std::filesystem::path& path
                                {"residual_m", loop.residual_m},
                                {"T_from_to", pose_json(loop.T_from_to)}});
   }
-  return write_file_atomically(path.string(), report.dump(2) + "\n");
+  // A folder's name may be no UTF-8.
+  const std::string text = report.dump(2, ' ', false, json::error_handler_t::replace);
+  return write_file_atomically(path.string(), text + "\n");
 }
 
 }  // namespace zloam::sessions

@@ -189,6 +189,18 @@ def test_nothing_is_left_of_a_merge_that_could_not_be_written(
     assert not out.exists()
 
 
+def test_a_folder_may_have_a_name_that_is_no_utf8(
+    build: Path, folders: Sequence[Path], tmp_path: Path
+) -> None:
+    odd, out = tmp_path / os.fsdecode(b"stra\xdfe"), tmp_path / "out"
+    shutil.copytree(folders[0], odd)
+    command = [build / "bin" / "zloam-sessions", odd, "--quiet", "--out", out]
+    done = subprocess.run(command, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    report = json.loads((out / "sessions.json").read_text(encoding="utf-8"))
+    assert report["sessions"][0]["folder"].endswith("stra\ufffde")
+
+
 def test_mistakes_are_told(build: Path, folders: Sequence[Path], tmp_path: Path) -> None:
     none = map_command(build, "info", tmp_path)
     assert none.code == 3
