@@ -5,6 +5,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
+#include <limits>
 #include <numeric>
 
 namespace zloam::graph {
@@ -15,10 +16,14 @@ namespace {
 constexpr double kRobustSigmas = 3.5;
 constexpr int kMostIterations = 100;
 
+/// Not a number for a matrix that is no covariance, so that no fit with it converges.
 Matrix6 square_root_information(const Matrix6& covariance) {
   const Matrix6 symmetric = 0.5 * (covariance + covariance.transpose());
   const Matrix6 information = symmetric.ldlt().solve(Matrix6::Identity());
   const Eigen::LLT<Matrix6> root(0.5 * (information + information.transpose()));
+  if (root.info() != Eigen::Success) {
+    return Matrix6::Constant(std::numeric_limits<double>::quiet_NaN());
+  }
   return root.matrixL().transpose();
 }
 

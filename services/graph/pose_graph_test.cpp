@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <limits>
 #include <random>
 
 #include "common/geometry/motion_covariance.hpp"
@@ -116,6 +117,12 @@ TEST(PoseGraph, SaysThatItDidNotComeToRest) {
   c.factors.push_back({1, 8, Pose::Identity(), diagonal_covariance(0.01, 0.001), true});
   c.factors.back().T_from_to.translation().x() = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(optimised(c.truth, c.factors).converged);
+}
+
+TEST(PoseGraph, AMatrixThatIsNoCovarianceGivesNoResult) {
+  Chain c = chain(10, 7);
+  c.factors[4].covariance(0, 0) = -0.01;
+  EXPECT_FALSE(optimised(c.start, c.factors).converged);
 }
 
 TEST(Uncertainties, ALoopMakesTheWayShorterInBothDirections) {
