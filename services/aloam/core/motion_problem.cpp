@@ -52,12 +52,14 @@ Solved MotionProblem::solve() {
   options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
   ceres::Solve(options, &state_->problem, &summary);
-  if (!motion_.q.coeffs().allFinite() || !motion_.t.allFinite()) {
+  // One residual that is not finite makes Ceres give up; its cost is then -1.
+  const bool finite = motion_.q.coeffs().allFinite() && motion_.t.allFinite();
+  if (!summary.IsSolutionUsable() || !finite) {
     motion_ = before;
     return {};
   }
   return {static_cast<std::uint32_t>(summary.iterations.size()),
-          std::sqrt(2.0 * summary.final_cost / correspondences_)};
+          std::sqrt(2.0 * summary.final_cost / correspondences_), true};
 }
 
 }  // namespace zloam::aloam

@@ -14,6 +14,9 @@ class CostFunction;
 
 namespace zloam::aloam {
 
+/// A-LOAM only prints a warning below this; here a motion from fewer correspondences is rejected.
+inline constexpr std::uint32_t kFewestCorrespondences = 10;
+
 /// p_target = q p + t.
 struct Motion {
   Eigen::Quaterniond q = Eigen::Quaterniond::Identity();
@@ -34,6 +37,8 @@ struct Solved {
   std::uint32_t iterations = 0;
   /// root of the mean cost of a correspondence, m
   double residual_m = 0.0;
+  /// false: there is no solution, and the motion is the one before
+  bool usable = false;
 };
 
 class MotionProblem {
@@ -47,7 +52,7 @@ class MotionProblem {
   /// Takes the cost function over.
   void add(ceres::CostFunction* cost);
   std::uint32_t correspondences() const { return correspondences_; }
-  /// A motion that is not finite leaves the one before.
+  /// Without a solution, or with one that is not finite, the motion stays as before.
   Solved solve();
 
  private:

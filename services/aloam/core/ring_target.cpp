@@ -48,8 +48,10 @@ std::optional<std::array<Eigen::Vector3d, 2>> RingTarget::line_near(
   const std::optional<std::size_t> first = nearest(point);
   if (!first) return std::nullopt;
   Nearest second;
+  // Coordinates that were rounded are equal in two rings: no line has two equal points.
   const auto visit = [&](std::size_t i) {
-    if (rings_[i] != rings_[*first]) second.look_at(squared_m2(point, i), i);
+    if (rings_[i] == rings_[*first] || at(i) == at(*first)) return;
+    second.look_at(squared_m2(point, i), i);
   };
   after(*first, visit);
   before(*first, visit);

@@ -20,7 +20,7 @@ class RingTarget {
   /// Points ordered by ring.
   explicit RingTarget(PointSpan points);
 
-  /// Two points of different rings.
+  /// Two different points of different rings.
   std::optional<std::array<Eigen::Vector3d, 2>> line_near(const Eigen::Vector3d& point) const;
   /// Three points, not all of one ring: the nearest, one of its own ring or on the far side of it,
   /// one of a ring beyond.

@@ -143,10 +143,11 @@ void ScanToMap::match(const Cloud& edges, const Cloud& planes, Mapped& result) c
     result.lines = add_lines(edges, edge_layer, motion, problem);
     result.planes = add_planes(planes, plane_layer, motion, problem);
     const Solved solved = problem.solve();
+    if (!solved.usable) continue;
     result.iterations += solved.iterations;
     result.residual_m = solved.residual_m;
+    result.matched = true;
   }
-  result.matched = result.lines + result.planes > 0;
   result.T_map_base = normalised(motion.pose());
 }
 

@@ -12,8 +12,6 @@ namespace zloam::aloam {
 namespace {
 
 constexpr int kRounds = 2;
-// A-LOAM only prints a warning below this; here a motion from fewer correspondences is rejected.
-constexpr std::uint32_t kFewest = 10;
 // The motion is not predicted over more missing sweeps than these.
 constexpr double kMostPredicted = 10.0;
 
@@ -85,8 +83,9 @@ void ScanToScan::State::solve(const ScanView& scan, Motion& motion, ScanMotion& 
     problem.add(PlaneCost::create(point, (*plane)[0], (*plane)[1], (*plane)[2], share));
     ++result.surfaces;
   }
-  if (problem.correspondences() < kFewest) return;
+  if (problem.correspondences() < kFewestCorrespondences) return;
   const Solved solved = problem.solve();
+  if (!solved.usable) return;
   result.iterations += solved.iterations;
   result.residual_m = solved.residual_m;
   result.matched = true;

@@ -6,6 +6,8 @@
 #include <gtest/gtest.h>
 
 #include "aloam/core/cost_functions.hpp"
+#include "aloam/core/motion_problem.hpp"
+#include "aloam/core/ring_target.hpp"
 #include "aloam/core/scan_registration.hpp"
 #include "aloam/core/test_room.hpp"
 
@@ -136,6 +138,27 @@ TEST(ScanToScan, AnotherInstanceGoesOnWithTheSameBytes) {
   other.restore(last);
   const PointVector next = test::sweep_at(T);
   EXPECT_EQ(feed(one, next, 4).T_odom_lidar.matrix(), feed(other, next, 4).T_odom_lidar.matrix());
+}
+
+TEST(RingTarget, ALineHasTwoDifferentPoints) {
+  const auto point = [](float y, std::uint16_t ring) {
+    return Point{1.0F, y, 0.0F, 0.0F, 0, ring, ReturnType::kStrongest, 0};
+  };
+  const PointVector rounded = {point(0.0F, 0), point(0.0F, 1), point(0.5F, 2)};
+  const auto line = RingTarget(rounded).line_near({1.0, 0.0, 0.0});
+  ASSERT_TRUE(line);
+  EXPECT_EQ(((*line)[0] - (*line)[1]).norm(), 0.5);
+}
+
+TEST(MotionProblem, SaysThatThereIsNoSolution) {
+  const Eigen::Vector3d point(1.0, 2.0, 3.0), a(4.0, -1.0, 0.5);
+  Motion motion;
+  MotionProblem problem(motion);
+  problem.add(LineCost::create(point, a, a, 1.0));
+  const Solved solved = problem.solve();
+  EXPECT_FALSE(solved.usable);
+  EXPECT_EQ(solved.residual_m, 0.0);
+  EXPECT_EQ(motion.t, Eigen::Vector3d::Zero().eval());
 }
 
 TEST(CostFunctions, AreTheDistancesFromLineAndPlane) {
