@@ -142,6 +142,7 @@ void ScanToMap::match(const Cloud& edges, const Cloud& planes, Mapped& result) c
     MotionProblem problem(motion);
     result.lines = add_lines(edges, edge_layer, motion, problem);
     result.planes = add_planes(planes, plane_layer, motion, problem);
+    if (problem.correspondences() < kFewestCorrespondences) continue;
     const Solved solved = problem.solve();
     if (!solved.usable) continue;
     result.iterations += solved.iterations;

@@ -29,7 +29,8 @@ struct Mapped {
   std::uint32_t lines = 0, planes = 0;
   std::uint32_t iterations = 0;
   double residual_m = 0.0;
-  /// false: the map or the sweep has too few points, and the pose is where the odometry leads
+  /// false: the map has too few points, or the sweep too few matches, and the pose is where the
+  /// odometry leads
   bool matched = false;
 };
 

@@ -168,6 +168,23 @@ TEST(ScanToMap, ANewOdomFrameGoesOnWhereTheLastPoseWas) {
   EXPECT_LT((found.T_map_base.translation() - T.translation()).norm(), 0.01);
 }
 
+TEST(ScanToMap, AFewMatchesAreNone) {
+  constexpr std::size_t kFew = 9;
+  ScanToMap mapping({});
+  const ScanFeatures f = extract_features(test::sweep_at(Pose::Identity()), 0.3);
+  mapping.process(f.less_sharp, f.less_flat, Pose::Identity());
+  PointVector few;
+  for (std::size_t i = 0; i < kFew; ++i) {
+    few.push_back(f.less_flat[i * f.less_flat.size() / kFew]);
+  }
+  const Pose T_odom_base = exp_se3((Vector6() << 0.1, 0.0, 0.0, 0.0, 0.0, 0.01).finished());
+  const Mapped found = mapping.process({}, few, T_odom_base);
+  EXPECT_GT(found.planes, 0U);
+  EXPECT_LE(found.planes, kFew);
+  EXPECT_FALSE(found.matched);
+  EXPECT_TRUE(found.T_map_base.isApprox(T_odom_base, 1e-9));
+}
+
 TEST(ScanToMap, TakesSweepsWithoutPoints) {
   ScanToMap mapping({});
   const Mapped found = mapping.process({}, {}, Pose::Identity());
