@@ -177,4 +177,11 @@ ScanFeatures extract_features(PointSpan sweep, double min_range_m, const Elevati
   return out;
 }
 
+std::string rings_error(std::uint32_t rings) {
+  if (rings > 0) return {};
+  return "the sweeps have no rings (their field rings is 0), and A-LOAM takes its features from "
+         "rings, so there are none: leave registration to the default method (--method "
+         "odometry=aloam,mapping=aloam)";
+}
+
 }  // namespace zloam::aloam

@@ -12,6 +12,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <string>
 
 #include "common/geometry/point.hpp"
 
@@ -36,5 +37,8 @@ ScanFeatures extract_features(PointSpan sweep, double min_range_m,
                               const Elevations& elevations = {},
                               std::uint32_t rings = std::numeric_limits<std::uint16_t>::max(),
                               bool one_return = false);
+
+/// Why sweeps of a sensor with so many rings have no features; empty: they have.
+std::string rings_error(std::uint32_t rings);
 
 }  // namespace zloam::aloam

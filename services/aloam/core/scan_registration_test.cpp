@@ -152,6 +152,14 @@ TEST(ScanRegistration, LeavesOutTheLowestRingsOfAnHdl64eAsReleased) {
   EXPECT_EQ(rejected(1.9, car), 0u);
 }
 
+TEST(ScanRegistration, SaysThatPointsWithoutRingsHaveNoFeatures) {
+  const PointVector sweep = square_ring(720);
+  for (const std::uint32_t rings : {0U, 1U, 16U}) {
+    const bool none = extract_features(sweep, 0.3, {}, rings).less_flat.empty();
+    EXPECT_EQ(rings_error(rings).empty(), !none) << rings;
+  }
+}
+
 TEST(ScanRegistration, TakesAnySweep) {
   EXPECT_TRUE(extract_features({}, 0.3).less_flat.empty());
   for (int n : {1, 5, 11, 16, 17, 18}) {

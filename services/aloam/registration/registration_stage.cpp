@@ -40,6 +40,7 @@ RegistrationStage::RegistrationStage(runtime::Stage& stage)
 
 void RegistrationStage::process(const Sweep& sweep) {
   stage_.configure_for(sweep);
+  stage_.degraded("rings", rings_error(sweep->rings()));
   const ScanFeatures found =
       extract_features(points_of(sweep->points()), defaults_.min_range_m, defaults_.elevations,
                        sweep->rings(), has_one_return(*sweep));
