@@ -15,6 +15,17 @@ auto same_sweep(const Step& step) {
   };
 }
 
+/// T_to_from.
+Pose motion_between(const OdometryStep& to, const OdometryStep& from) {
+  return to.T_odom_base.inverse() * from.T_odom_base;
+}
+
+/// Of the step between two poses.
+Matrix6 twist_covariance(const OdometryStep& before, const OdometryStep& step) {
+  const double dt_s = 1e-9 * static_cast<double>(step.instant_ns - before.instant_ns);
+  return step.step_covariance / (dt_s * dt_s);
+}
+
 }  // namespace
 
 Matrix6 about_frame_axes(const Pose& T_frame_base, const Matrix6& tangent_covariance) {
@@ -25,27 +36,48 @@ Matrix6 about_frame_axes(const Pose& T_frame_base, const Matrix6& tangent_covari
 }
 
 PoseTree::Uncertainty PoseTree::add(const OdometryStep& step) {
-  const bool goes_on = !steps_.empty() && steps_.back().epoch == step.epoch &&
-                       steps_.back().instant_ns < step.instant_ns;
-  Uncertainty found;
-  if (goes_on) {
-    const OdometryStep& before = steps_.back();
-    const double dt_s = 1e-9 * static_cast<double>(step.instant_ns - before.instant_ns);
-    const Pose T_now_before = step.T_odom_base.inverse() * before.T_odom_base;
-    covariance_ = carried(covariance_, T_now_before) + step.step_covariance;
-    found.twist = step.step_covariance / (dt_s * dt_s);
-  } else {
-    covariance_.setZero();
-  }
+  const bool same_frame = !steps_.empty() && steps_.back().epoch == step.epoch;
+  const bool same_run = same_frame && steps_.back().run == step.run;
+  if (same_run && step.sweep <= steps_.back().sweep) return add_late(step);
+  const bool goes_on = same_frame && steps_.back().instant_ns < step.instant_ns;
+  if (!goes_on) covariance_.setZero();
+  Uncertainty found = goes_on ? go_on(step) : Uncertainty{};
   found.pose = about_frame_axes(step.T_odom_base, covariance_);
-  const auto map = std::find_if(waiting_.begin(), waiting_.end(), same_sweep(step));
-  if (map != waiting_.end()) {
-    correct(step, *map);
-    waiting_.erase(waiting_.begin(), map + 1);
-  }
+  join_waiting(step);
   steps_.push_back(step);
   if (steps_.size() > kSteps) steps_.pop_front();
   return found;
+}
+
+PoseTree::Uncertainty PoseTree::go_on(const OdometryStep& step) {
+  const OdometryStep& before = steps_.back();
+  covariance_ = carried(covariance_, motion_between(step, before)) + step.step_covariance;
+  return {.twist = twist_covariance(before, step)};
+}
+
+// The newest pose stays the one from which the next step goes on. A sweep that two instances have
+// published, one of which took over from the other, counts once.
+PoseTree::Uncertainty PoseTree::add_late(const OdometryStep& step) {
+  const auto before = std::find_if(steps_.rbegin(), steps_.rend(), [&](const OdometryStep& other) {
+    return other.epoch == step.epoch && other.instant_ns < step.instant_ns;
+  });
+  Uncertainty found;
+  if (before != steps_.rend()) found.twist = twist_covariance(*before, step);
+  const Pose T_newest_late = motion_between(steps_.back(), step);
+  const bool is_new = std::none_of(steps_.begin(), steps_.end(), same_sweep(step));
+  if (is_new) covariance_ += carried(step.step_covariance, T_newest_late);
+  found.pose = about_frame_axes(step.T_odom_base, carried(covariance_, T_newest_late.inverse()));
+  join_waiting(step);
+  if (is_new) steps_.insert(before.base(), step);
+  if (steps_.size() > kSteps) steps_.pop_front();
+  return found;
+}
+
+void PoseTree::join_waiting(const OdometryStep& step) {
+  const auto map = std::find_if(waiting_.begin(), waiting_.end(), same_sweep(step));
+  if (map == waiting_.end()) return;
+  correct(step, *map);
+  waiting_.erase(waiting_.begin(), map + 1);
 }
 
 void PoseTree::add(const MapStep& step) {

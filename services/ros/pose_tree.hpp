@@ -37,8 +37,9 @@ Matrix6 about_frame_axes(const Pose& T_frame_base, const Matrix6& tangent_covari
 class PoseTree {
  public:
   /// Covariance of T_odom_base in the odom frame (about_frame_axes), and of the twist in
-  /// (m/s, rad/s)^2. The first pose of an odom frame is exact; each step adds its covariance. A
-  /// frame is its epoch: it may continue in another run.
+  /// (m/s, rad/s)^2. The first pose of an odom frame is exact; each step adds its covariance, also
+  /// one that comes late, because its message was lost at first. A frame is its epoch: it may
+  /// continue in another run.
   struct Uncertainty {
     Matrix6 pose = Matrix6::Zero();
     Matrix6 twist = Matrix6::Zero();
@@ -59,6 +60,9 @@ class PoseTree {
 
  private:
   void correct(const OdometryStep& odometry, const MapStep& map);
+  Uncertainty go_on(const OdometryStep& step);
+  Uncertainty add_late(const OdometryStep& step);
+  void join_waiting(const OdometryStep& step);
 
   std::deque<OdometryStep> steps_;
   /// map poses whose odometry has not arrived yet

@@ -6,6 +6,8 @@
 
 #include <numbers>
 #include <random>
+#include <utility>
+#include <vector>
 
 namespace zloam::ros {
 namespace {
@@ -65,6 +67,25 @@ TEST(PoseTree, ANewFrameBeginsExactly) {
   OdometryStep fresh = step_at(2, Pose::Identity());
   fresh.epoch = 1;
   EXPECT_EQ(tree.add(fresh).pose, Matrix6::Zero().eval());
+}
+
+// A lost message is requested again and comes after the next one; after a take-over the last sweep
+// may come twice.
+TEST(PoseTree, ASweepThatComesLateOrTwiceKeepsTheCovariance) {
+  PoseTree in_order, as_it_comes;
+  Pose pose = Pose::Identity();
+  std::vector<OdometryStep> steps;
+  for (int n = 0; n <= kSteps; ++n, pose = pose * exp_se3(kStep)) steps.push_back(step_at(n, pose));
+  PoseTree::Uncertainty wanted, found;
+  for (const OdometryStep& step : steps) wanted = in_order.add(step);
+  std::swap(steps[5], steps[6]);
+  steps.insert(steps.begin() + 9, steps[8]);
+  for (const OdometryStep& step : steps) {
+    found = as_it_comes.add(step);
+    if (step.sweep > 0) EXPECT_GT(found.pose.trace(), 0.0) << step.sweep;
+    if (step.sweep == 5) EXPECT_NEAR(found.twist(0, 0), 0.1 * 0.1, 1e-12);
+  }
+  EXPECT_TRUE(found.pose.isApprox(wanted.pose, 1e-12));
 }
 
 TEST(PoseTree, AFrameThatContinuesInAnotherRunKeepsItsCovariance) {
