@@ -16,8 +16,10 @@ class ThinnedPath {
   using Entry = std::pair<std::int64_t, Pose>;
   static constexpr std::size_t kMost = 10'000;
 
-  /// Keeps every n-th pose; n doubles when kMost is reached.
+  /// Keeps every n-th pose; n doubles when kMost is reached. One that comes late, because its
+  /// message was lost at first, is left out: the line would go back and forth.
   void add(std::int64_t stamp_ns, const Pose& pose) {
+    if (added_ > 0 && stamp_ns <= newest_.first) return;
     newest_ = {stamp_ns, pose};
     if (added_++ % every_ != 0) return;
     kept_.push_back(newest_);

@@ -29,5 +29,13 @@ TEST(ThinnedPath, OfALongRunThePosesAreEvenlySpacedFromTheFirstToTheNewest) {
   EXPECT_EQ(poses.back().first, kPoses - 1);
 }
 
+TEST(ThinnedPath, TimeAscendsAlsoWithPosesThatComeLate) {
+  ThinnedPath path;
+  for (const std::int64_t n : {10, 11, 13, 12, 14, 13}) path.add(n, Pose::Identity());
+  std::vector<std::int64_t> times_ns;
+  for (const auto& [stamp_ns, pose] : path.poses()) times_ns.push_back(stamp_ns);
+  EXPECT_EQ(times_ns, (std::vector<std::int64_t>{10, 11, 13, 14}));
+}
+
 }  // namespace
 }  // namespace zloam::ros
