@@ -105,4 +105,9 @@ std::string name_error(std::string_view name) {
   return begins && !name.empty() ? "no slash at the end" : "";
 }
 
+std::string frame_prefix_error(std::string_view prefix) {
+  if (!prefix.starts_with('/')) return {};
+  return "must not begin with '/': tf2 finds no frame of such a name";
+}
+
 }  // namespace zloam::ros

@@ -92,5 +92,7 @@ Attachment attachment(std::int64_t number, std::int64_t source_ns, const Gid& gi
 
 /// Why `name` is not a valid topic or namespace name; empty if it is valid.
 std::string name_error(std::string_view name);
+/// Why no frame's name may begin with `prefix`; empty: it may.
+std::string frame_prefix_error(std::string_view prefix);
 
 }  // namespace zloam::ros

@@ -69,5 +69,10 @@ TEST(Graph, NamesOfTopicsAreChecked) {
   }
 }
 
+TEST(Graph, NoFrameBeginsWithASlash) {
+  for (const char* good : {"", "robot2/", "robot2_"}) EXPECT_EQ(frame_prefix_error(good), "");
+  for (const char* bad : {"/", "/robot2/"}) EXPECT_NE(frame_prefix_error(bad), "") << bad;
+}
+
 }  // namespace
 }  // namespace zloam::ros

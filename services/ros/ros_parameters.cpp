@@ -29,6 +29,7 @@ void bind(runtime::Parameters& p, RosConfig& c) {
         "/imu; empty: no topic",
         Effect::kNone);
   p.check("ros.namespace", [&c] { return name_error(c.name_space); });
+  p.check("ros.frame_prefix", [&c] { return frame_prefix_error(c.frame_prefix); });
   p.check("ros.imu_topic", [&c]() -> std::string {
     if (c.imu_topic.empty()) return {};
     return c.imu_topic.front() == '/' ? name_error(c.imu_topic.substr(1)) : "must begin with '/'";
