@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 from zloam_monitor import cli, clouds, sources
 from zloam_monitor.failures import Misuse
 from zloam_monitor.messages import MAP_POINT
-from zloam_monitor.recordings import Refused, bags, folders
+from zloam_monitor.recordings import Refused, bags, fields, folders
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 STAMP_NS = 10**18
@@ -47,6 +47,18 @@ def test_several_topics_remain_several(tmp_path: Path) -> None:
         assert [(topic.name, topic.messages) for topic in bag.topics] == [("/a", 4), ("/b", 2)]
         with pytest.raises(Refused, match="several topics"):
             bag.choose("")
+
+
+def test_fields_of_a_count_of_0_have_one_value() -> None:
+    types = get_typestore(Stores.ROS2_JAZZY).types
+    stamp = types["builtin_interfaces/msg/Time"](1, 0)
+    header = types["std_msgs/msg/Header"](stamp, "lidar")
+    field = types["sensor_msgs/msg/PointField"]
+    xyz = [field(name, 4 * at, 7, 0) for at, name in enumerate("xyz")]
+    data = np.array([1.0, 2.0, 3.0], "<f4").view(np.uint8)
+    message = types[CLOUD](header, 1, 1, xyz, False, 12, 12, data, True)
+    names = fields.names_of([f.name for f in xyz], "")
+    assert fields.cloud_of(message, names).xyz.tolist() == [[1.0, 2.0, 3.0]]
 
 
 @pytest.fixture

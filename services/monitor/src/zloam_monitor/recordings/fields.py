@@ -65,7 +65,8 @@ class Names:
 
 def _dtype(message: Any) -> np.dtype[Any]:
     order = ">" if message.is_bigendian else "<"
-    fields = [f for f in message.fields if f.name and f.count >= 1]
+    # A count of 0 is one value: so old drivers write it, and so PCL reads it.
+    fields = [f for f in message.fields if f.name]
     for field in fields:
         if field.datatype not in TYPES:
             raise Refused(f"field {field.name}: its datatype {field.datatype} is none of 1 to 8")
