@@ -10,6 +10,7 @@
 
 #include "aloam/core/scan_registration.hpp"
 #include "aloam/core/test_room.hpp"
+#include "aloam/mapping/taken_back.hpp"
 
 namespace zloam::aloam {
 namespace {
@@ -138,6 +139,24 @@ TEST(CubeMap, OfMoreCubesThanFitTheNewestStay) {
   other.restore(stored, {1525.0, 0.0, 0.0});
   EXPECT_EQ(other.cubes().size(), out.cubes().size());
   for (const auto& [index, cube] : out.cubes()) EXPECT_TRUE(other.cubes().contains(index));
+}
+
+TEST(TakenBack, OfACubeThatIsSentTwiceTheNewerStays) {
+  const auto points = [](std::size_t count) {
+    Cloud::Ptr cloud(new Cloud);
+    cloud->resize(count);
+    return cloud;
+  };
+  const CubeIndex index{{1, 2, 3}};
+  TakenBack taken;
+  taken.add(index, Layer::kEdge, {2, 8}, points(80));
+  taken.add(index, Layer::kEdge, {2, 5}, points(50));
+  taken.add(index, Layer::kPlane, {1, 9}, points(90));
+  taken.add(index, Layer::kPlane, {2, 4}, points(40));
+  const std::map<CubeIndex, Cube> cubes = taken.take();
+  ASSERT_EQ(cubes.size(), 1U);
+  EXPECT_EQ(cubes.at(index).edges->size(), 80U);
+  EXPECT_EQ(cubes.at(index).planes->size(), 40U);
 }
 
 TEST(ScanToMap, CorrectsAnOdometryThatIsOff) {

@@ -5,6 +5,7 @@
 
 #include "aloam/mapping/map_points.hpp"
 #include "aloam/mapping/mapping_stage.hpp"
+#include "aloam/mapping/taken_back.hpp"
 #include "common/runtime/recall.hpp"
 
 namespace zloam::aloam {
@@ -16,17 +17,15 @@ constexpr int kTries = 5;
 }  // namespace
 
 void MappingStage::take_back_tiles(std::uint64_t map_id, const Eigen::Vector3d& sensor) {
-  std::map<CubeIndex, Cube> cubes;
+  TakenBack taken;
   for (const auto& tile :
        runtime::recall_at<msg::MapTile>(stage_, stage_.keys().all_tiles(), kTries, false)) {
     const auto layer = layer_from_name(tile->layer()->str());
     if (!layer || tile.header().map_id() != map_id || tile->edge_m() != kCube_m) continue;
-    Cube& cube = cubes[{{tile->i(), tile->j(), tile->k()}}];
-    const Cloud::Ptr points = cloud_of(map_points_of(tile->points()));
-    (*layer == Layer::kEdge ? cube.edges : cube.planes) = points;
-    cube.version = std::max(cube.version, tile->version());
+    taken.add({{tile->i(), tile->j(), tile->k()}}, *layer, {tile.header().term(), tile->version()},
+              cloud_of(map_points_of(tile->points())));
   }
-  mapper_.map().restore(std::move(cubes), sensor);
+  mapper_.map().restore(taken.take(), sensor);
 }
 
 void MappingStage::restart(const msg::Header& first) {
