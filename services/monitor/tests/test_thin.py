@@ -42,11 +42,11 @@ def link() -> Link:
     return Link(Session(), Keys("robot"), 100, thin=True)
 
 
-def a_preview(sweep: int) -> bytes:
-    """A preview with one full block of 8 m that has 2^1 cells along an edge."""
-    block = np.array([(0, 0, 0, 1, 1, 0)], messages.PREVIEW_BLOCK)
+def a_preview(sweep: int, blocks: int = 1, epoch: int = 1) -> bytes:
+    """A preview with at most one full block of 8 m that has 2^1 cells along an edge."""
+    rows = np.array([(0, 0, 0, 1, 1, 0)], messages.PREVIEW_BLOCK)[:blocks]
     head = HeaderValues(5, sweep, sweep, map_id=5, stamp_ns=sweep * 10**8)
-    return compose.preview(head, 1, (float(sweep), 2.0, 0.0), 8.0, block, b"\xff")
+    return compose.preview(head, epoch, (float(sweep), 2.0, 0.0), 8.0, rows, b"\xff"[:blocks])
 
 
 def until(holds: Callable[[], Any]) -> None:
@@ -78,6 +78,18 @@ def test_it_takes_the_preview_and_statuses_alone(link: Link) -> None:
         assert not any("driver is not there" in each["what"] for each in state["findings"])
         assert link.taken.total == sent + len(status)
         assert state["kb_s"] is not None
+    finally:
+        view.close()
+
+
+def test_a_map_that_was_emptied_is_no_longer_shown(link: Link) -> None:
+    session: Any = link.session
+    view = RobotView(link)
+    try:
+        session.put(link.keys.preview, a_preview(3))
+        until(lambda: view.map_view()["cells"])
+        session.put(link.keys.preview, a_preview(4, blocks=0, epoch=2))
+        until(lambda: not view.map_view()["cells"])
     finally:
         view.close()
 

@@ -167,18 +167,20 @@ class RobotView:
             self._judge([*([silent] if silent else []), *doctor.findings_of_statuses(heard)])
             if link.preview.version != drawn:
                 drawn = link.preview.version
-                self._draw_map(link.preview.spread_points())
+                # Previews say which map it is, so one without blocks is empty: after a reset.
+                self._draw_map(link.preview.spread_points(), may_be_empty=True)
 
     def _judge(self, findings: list[Finding]) -> None:
         found = [{"what": each.what, "do": each.do, "fault": each.is_fault} for each in findings]
         with self._lock:
             self._findings, self._judged = found, True
 
-    def _draw_map(self, xyz: NDArray[Any]) -> None:
-        """Updates the map; keeps the previous one if nobody answers."""
+    def _draw_map(self, xyz: NDArray[Any], may_be_empty: bool = False) -> None:
+        """Updates the map; unless it may be empty, keeps the previous one if nobody answers."""
         drawn = _top_view(xyz)
         with self._lock:
-            if drawn["cells"] and drawn["cells"] != self._map["cells"]:
+            is_map = drawn["cells"] or may_be_empty
+            if is_map and drawn["cells"] != self._map["cells"]:
                 self._map = {**drawn, "version": self._map["version"] + 1}
 
     def _look(self) -> bool:
