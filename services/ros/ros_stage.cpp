@@ -340,12 +340,11 @@ void RosStage::take_imu() {
       ++unread;
     }
   }
-  if (unread > 0) {
-    stage_.degraded("imu", std::to_string(unread) + " messages of " + config_.imu_topic +
-                               " hold no acceleration and rate, or can't be read");
-  } else if (!samples.empty()) {
-    stage_.degraded("imu", {});
-  }
+  unread_imu_.add(unread, runtime::steady_ns());
+  const std::uint64_t shown = unread_imu_.shown(runtime::steady_ns());
+  stage_.degraded("imu", shown == 0 ? std::string()
+                                    : std::to_string(shown) + " messages of " + config_.imu_topic +
+                                          " hold no acceleration and rate, or can't be read");
   if (samples.empty()) return;
   const std::int64_t now_ns = stage_.now_ns();
   HeaderFields header = imu_->header(now_ns, now_ns);

@@ -20,6 +20,7 @@
 #include "ros/placed_sweeps.hpp"
 #include "ros/pose_tree.hpp"
 #include "ros/thinned_path.hpp"
+#include "ros/unusable.hpp"
 
 namespace zloam::ros {
 
@@ -73,6 +74,7 @@ class RosStage {
   runtime::Outlet* imu_ = nullptr;
   runtime::OnDemand clouds_, tiles_, statuses_;
   runtime::Mailbox readings_, places_;
+  Unusable unread_imu_;
   runtime::AsyncGet all_tiles_, placing_;
   std::shared_ptr<runtime::Shared> bell_ = std::make_shared<runtime::Shared>();
 
