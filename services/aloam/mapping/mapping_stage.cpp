@@ -57,6 +57,8 @@ void MappingStage::new_run(const msg::Header& first) {
   }
   if (file_.unsaved()) stage_.lost_output(file_.write(file_run()));
   mapper_ = ScanToMap(leaves_);
+  // What was missing of the map before is not missing of this one.
+  for (const char* topic : {"map", "recall"}) stage_.degraded(topic, "");
   path_.clear();
   unpublished_.clear();
   last_mapped_.reset();
