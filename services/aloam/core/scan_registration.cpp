@@ -177,11 +177,19 @@ ScanFeatures extract_features(PointSpan sweep, double min_range_m, const Elevati
   return out;
 }
 
-std::string rings_error(std::uint32_t rings) {
+std::string rings_error(std::uint32_t rings, std::uint32_t slices) {
   if (rings > 0) return {};
-  return "the sweeps have no rings (their field rings is 0), and A-LOAM takes its features from "
-         "rings, so there are none: leave registration to the default method (--method "
-         "odometry=aloam,mapping=aloam)";
+  const std::string what =
+      "the sweeps have no rings (their field rings is 0), and A-LOAM takes its features from "
+      "rings, so there are none: ";
+  if (slices > 1) return what + "leave out --method";
+  return what + "leave registration to the default method (--method odometry=aloam,mapping=aloam)";
+}
+
+std::string slices_error(std::uint32_t slices) {
+  if (slices <= 1) return {};
+  return "a sweep shows only a part of the view (its field slices is " + std::to_string(slices) +
+         "), and A-LOAM matches it with the sweep before, which shows another: leave out --method";
 }
 
 }  // namespace zloam::aloam

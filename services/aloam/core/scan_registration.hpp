@@ -38,7 +38,10 @@ ScanFeatures extract_features(PointSpan sweep, double min_range_m,
                               std::uint32_t rings = std::numeric_limits<std::uint16_t>::max(),
                               bool one_return = false);
 
-/// Why sweeps of a sensor with so many rings have no features; empty: they have.
-std::string rings_error(std::uint32_t rings);
+/// Why sweeps of a sensor with so many rings have no features; empty: they have. `slices`: so many
+/// sweeps show all around.
+std::string rings_error(std::uint32_t rings, std::uint32_t slices);
+/// Why sweeps of which so many show all around can't be matched with one another; empty: they can.
+std::string slices_error(std::uint32_t slices);
 
 }  // namespace zloam::aloam

@@ -156,8 +156,15 @@ TEST(ScanRegistration, SaysThatPointsWithoutRingsHaveNoFeatures) {
   const PointVector sweep = square_ring(720);
   for (const std::uint32_t rings : {0U, 1U, 16U}) {
     const bool none = extract_features(sweep, 0.3, {}, rings).less_flat.empty();
-    EXPECT_EQ(rings_error(rings).empty(), !none) << rings;
+    EXPECT_EQ(rings_error(rings, 1).empty(), !none) << rings;
   }
+}
+
+TEST(ScanRegistration, RefersAScannerOnAMotorToTheDefaultMethod) {
+  // Slices have no rings; with rings of another registration the odometry can't match them, either.
+  EXPECT_TRUE(rings_error(0, 20).ends_with("leave out --method"));
+  EXPECT_TRUE(slices_error(20).ends_with("leave out --method"));
+  for (const std::uint32_t whole : {0U, 1U}) EXPECT_EQ(slices_error(whole), "");
 }
 
 TEST(ScanRegistration, TakesAnySweep) {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "aloam/core/clouds.hpp"
+#include "aloam/core/scan_registration.hpp"
 #include "aloam/covariance.hpp"
 #include "common/runtime/recall.hpp"
 
@@ -109,6 +110,7 @@ void OdometryStage::process(const Features& features) {
   // Registration dropped this sweep and reports it as dropped, so it gets no pose.
   if (health_of(features->health()) == Health::kDropped) return;
   stage_.configure_for(features);
+  stage_.degraded("slices", slices_error(features->slices()));
   const Located located = locate(features);
   publish_pose(features, located);
   publish_features(features, located);

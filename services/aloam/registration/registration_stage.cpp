@@ -12,6 +12,7 @@ FeaturesFields fields_of(const msg::Sweep& sweep, const ScanFeatures& features) 
   FeaturesFields f;
   f.period_ns = sweep.period_ns();
   f.rings = sweep.rings();
+  f.slices = sweep.slices();
   f.sharp = features.sharp;
   f.less_sharp = features.less_sharp;
   f.flat = features.flat;
@@ -40,7 +41,7 @@ RegistrationStage::RegistrationStage(runtime::Stage& stage)
 
 void RegistrationStage::process(const Sweep& sweep) {
   stage_.configure_for(sweep);
-  stage_.degraded("rings", rings_error(sweep->rings()));
+  stage_.degraded("rings", rings_error(sweep->rings(), sweep->slices()));
   const ScanFeatures found =
       extract_features(points_of(sweep->points()), defaults_.min_range_m, defaults_.elevations,
                        sweep->rings(), has_one_return(*sweep));
