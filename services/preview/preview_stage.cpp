@@ -42,7 +42,7 @@ PreviewStage::PreviewStage(runtime::Stage& stage)
   stage.inlet<msg::MapPose>(Key::kMapOdometry, options,
                             [this](const PoseMessage& m) { take_mapped(m); });
   // Tiles may be dropped on the way, so all are requested again at the end of a run.
-  stage.on_end_of_run([this](std::uint64_t) { asks_ = true; });
+  stage.on_end_of_run([this](std::uint64_t) { asking_.want(); });
   stage.every(milliseconds(kPeriod_ms), [this] { every_period(); });
 }
 
@@ -71,7 +71,7 @@ void PreviewStage::begin_map(std::uint64_t map_id) {
   map_id_ = map_id;
   ++epoch_;
   preview_.clear();
-  asks_ = true;
+  asking_.want();
 }
 
 void PreviewStage::take_tile(const zenoh::Sample& sample) {
@@ -90,6 +90,11 @@ void PreviewStage::take_tile(const zenoh::Sample& sample) {
 void PreviewStage::take_tiles() {
   if (const auto asked = all_tiles_.take()) {
     for (const zenoh::Sample& sample : *asked) take_tile(sample);
+    const std::string& error = all_tiles_.error();
+    asking_.answered(error.empty(), runtime::steady_ns());
+    stage_.degraded("tiles", error.empty() ? std::string()
+                                           : "not all tiles of the map came (" + error +
+                                                 "): the preview may lack parts; it asks again");
   }
   for (const zenoh::Sample& sample : tiles_.take()) take_tile(sample);
   stage_.degraded("map", preview_.full() ? "the preview shows " + std::to_string(kMostBlocks) +
@@ -101,8 +106,8 @@ void PreviewStage::take_tiles() {
 void PreviewStage::ask_for_all() {
   const std::int64_t now_ns = runtime::steady_ns();
   const bool nothing_came = preview_.blocks() == 0 && now_ns - asked_ns_ > kAskAgain_ns;
-  if (all_tiles_.started() || !(asks_ || nothing_came)) return;
-  asks_ = false;
+  if (all_tiles_.started() || !(asking_.due(now_ns) || nothing_came)) return;
+  asking_.asked();
   asked_ns_ = now_ns;
   all_tiles_.start(stage_.session(), stage_.keys().all_tiles(), kTilesWithin, bell_);
 }
@@ -112,7 +117,7 @@ void PreviewStage::every_period() {
   const bool wanted = out_.matching();
   if (tiles_.want(wanted)) {
     preview_.forget_sent();
-    asks_ = true;
+    asking_.want();
   }
   stage_.figure("has_reader", wanted ? 1.0 : 0.0);
   if (!wanted) return;

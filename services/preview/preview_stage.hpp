@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 
+#include "common/runtime/ask_again.hpp"
 #include "common/runtime/async_get.hpp"
 #include "common/runtime/on_demand.hpp"
 #include "common/runtime/stage.hpp"
@@ -50,8 +51,7 @@ class PreviewStage {
   std::optional<Newest> newest_;
   std::optional<std::uint64_t> map_id_;
   std::uint32_t epoch_ = 0;
-  /// all tiles are still to be requested
-  bool asks_ = false;
+  runtime::AskAgain asking_;
   std::int64_t asked_ns_ = 0;
 };
 

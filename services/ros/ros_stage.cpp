@@ -144,7 +144,7 @@ void RosStage::begin_map(std::uint64_t map_id) {
   map_grew_ |= !map_tiles_.empty();
   map_tiles_.clear();
   stage_.degraded("map", {});
-  asks_tiles_ = true;
+  asking_tiles_.want();
 }
 
 void RosStage::take(const runtime::Received<msg::Odometry>& m) {
@@ -257,13 +257,18 @@ void RosStage::take_tile(const zenoh::Sample& sample) {
 // arrive by subscription.
 void RosStage::take_tiles() {
   const bool wanted = map_->matching();
-  if (tiles_.want(wanted)) asks_tiles_ = true;
-  if (wanted && asks_tiles_ && !all_tiles_.started()) {
-    asks_tiles_ = false;
+  if (tiles_.want(wanted)) asking_tiles_.want();
+  if (wanted && asking_tiles_.due(runtime::steady_ns()) && !all_tiles_.started()) {
+    asking_tiles_.asked();
     all_tiles_.start(stage_.session(), stage_.keys().all_tiles(), kTilesWithin, bell_);
   }
   if (const auto asked = all_tiles_.take()) {
     for (const zenoh::Sample& sample : *asked) take_tile(sample);
+    const std::string& error = all_tiles_.error();
+    asking_tiles_.answered(error.empty(), runtime::steady_ns());
+    stage_.degraded("tiles", error.empty() ? std::string()
+                                           : "not all tiles of the map came (" + error +
+                                                 "): /map may lack parts; it is asked again");
   }
   for (const zenoh::Sample& sample : tiles_.take()) take_tile(sample);
 }

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/runtime/ask_again.hpp"
 #include "common/runtime/async_get.hpp"
 #include "common/runtime/on_demand.hpp"
 #include "common/runtime/stage.hpp"
@@ -86,7 +87,7 @@ class RosStage {
   std::deque<zenoh::Sample> waiting_clouds_;
   std::map<std::string, Tile> map_tiles_;
   std::optional<std::uint64_t> map_id_;
-  bool asks_tiles_ = false;
+  runtime::AskAgain asking_tiles_;
   bool map_grew_ = false;
   std::int64_t last_map_ns_ = 0;
   std::map<std::string, Heard> heard_;
