@@ -110,4 +110,16 @@ std::string frame_prefix_error(std::string_view prefix) {
   return "must not begin with '/': tf2 finds no frame of such a name";
 }
 
+std::string no_node_text(const RosConfig& config) {
+  const std::string text = "no ROS 2 node is heard on domain " + std::to_string(config.domain);
+  if (!config.connect.empty()) {
+    return text + " through " + config.connect.front() +
+           ": is rmw_zenohd there (ros.connect), and a node?";
+  }
+  if (!config.listen.empty()) {
+    return text + " at " + config.listen.front() + ": is one connected there (ros.listen)?";
+  }
+  return text + ": none can reach this one, as ros.connect and ros.listen are empty";
+}
+
 }  // namespace zloam::ros

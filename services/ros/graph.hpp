@@ -95,4 +95,7 @@ std::string name_error(std::string_view name);
 /// Why no frame's name may begin with `prefix`; empty: it may.
 std::string frame_prefix_error(std::string_view prefix);
 
+/// What to look at where no other node is heard.
+std::string no_node_text(const RosConfig& config);
+
 }  // namespace zloam::ros

@@ -5,6 +5,8 @@
 
 #include <gtest/gtest.h>
 
+#include <string>
+
 namespace zloam::ros {
 namespace {
 
@@ -67,6 +69,16 @@ TEST(Graph, NamesOfTopicsAreChecked) {
   for (const char* bad : {"/a", "a/", "a//b", "2a", "a/2b", "a b", "a*", "a%b", "a-b"}) {
     EXPECT_NE(name_error(bad), "") << bad;
   }
+}
+
+TEST(Graph, WhereNoNodeIsHeardTheEndpointToLookAtIsNamed) {
+  RosConfig config;
+  EXPECT_NE(no_node_text(config).find("domain 0 through tcp/127.0.0.1:7447"), std::string::npos);
+  config.connect.clear();
+  config.listen = {"tcp/0.0.0.0:7447"};
+  EXPECT_NE(no_node_text(config).find("tcp/0.0.0.0:7447"), std::string::npos);
+  config.listen.clear();
+  EXPECT_NE(no_node_text(config).find("are empty"), std::string::npos);
 }
 
 TEST(Graph, NoFrameBeginsWithASlash) {

@@ -400,13 +400,8 @@ void RosStage::place(const PlaceMessage& said) {
 void RosStage::look_for_nodes() {
   const std::size_t others = node_.others();
   stage_.figure("ros_nodes", static_cast<double>(others));
-  const bool alone =
-      others == 0 && !config_.connect.empty() && runtime::steady_ns() - began_ns_ > kPatience_ns;
-  stage_.degraded("ros", alone ? "no ROS 2 node is heard on domain " +
-                                     std::to_string(config_.domain) + " through " +
-                                     config_.connect.front() +
-                                     ": is rmw_zenohd there (ros.connect), and a node?"
-                               : std::string());
+  const bool alone = others == 0 && runtime::steady_ns() - began_ns_ > kPatience_ns;
+  stage_.degraded("ros", alone ? no_node_text(config_) : std::string());
 }
 
 }  // namespace zloam::ros
