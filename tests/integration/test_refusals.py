@@ -30,12 +30,15 @@ def stage(build: Path, name: str, *arguments: object) -> subprocess.CompletedPro
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("robot: robot\nnonsense_key: 3\n", ["nonsense_key", ":2"]),
-        ("flow:\n  window: many\n", ["flow.window", "many", ":2"]),
-        ("flow:\n  window: 100000\n", ["flow.window", "100000", "1000", ":2"]),
-        ("robot: [\n", [":"]),
-        ("zenoh.host: 0.0.0.0\n", ["zenoh.host", "write zenoh: {host: ", ":1"]),
-        ("zenoh:\n  host: 127.0.0.1\nzenoh.host: 0.0.0.0\n", ["write zenoh: {host: ", ":3"]),
+        ("robot: robot\nnonsense_key: 3\n", ["FILE:2: nonsense_key: "]),
+        ("flow:\n  window: many\n", ["FILE:2: flow.window: ", "many"]),
+        ("flow:\n  window: 100000\n", ["FILE:2: flow.window: ", "100000", "allowed: 1 to 1000 "]),
+        ("robot: [\n", ["FILE:", ": not YAML: "]),
+        ("zenoh.host: 0.0.0.0\n", ["FILE:1: zenoh.host: ", "write zenoh: {host: "]),
+        (
+            "zenoh:\n  host: 127.0.0.1\nzenoh.host: 0.0.0.0\n",
+            ["FILE:3: zenoh.host: ", "write zenoh: {host: "],
+        ),
     ],
     ids=["unknown key", "wrong type", "out of range", "no YAML", "dot", "dot beside section"],
 )
@@ -47,8 +50,8 @@ def test_wrong_configuration(
     done = stage(build, name, "--config", path)
     said = done.stdout + done.stderr
     assert done.returncode == REFUSED_CONFIG, said
-    for word in [str(path), *words]:
-        assert word in said
+    for word in words:
+        assert word.replace("FILE", str(path)) in said
 
 
 @pytest.mark.parametrize("name", STAGES)
