@@ -230,6 +230,8 @@ def test_a_place_told_before_the_first_sweep_holds(
     first = run.mapped[min(run.mapped)]
     assert np.allclose(first.translation, (12.0, -3.5, 0.0), atol=0.5)
     assert np.allclose(np.abs(first.quaternion[2:]), np.sqrt(0.5), atol=0.05)
+    # Both signs are the same rotation; z and w of different signs are a turn to the right.
+    assert first.quaternion[2] * first.quaternion[3] > 0.0
 
 
 def test_data_without_sweeps_are_told_only_while_data_come(
