@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -276,6 +277,9 @@ def test_what_is_no_file_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 def test_words_for_every_reason_that_stages_count() -> None:
     source = Path(__file__).resolve().parents[3] / "services/common/runtime/account.cpp"
-    text = source.read_text().split("queue_full")[0].split("{")[-1] + source.read_text()
-    for reason in doctor.DROPS:
-        assert f'"{reason}"' in text
+    names = re.search(r"kNames = \{(.*?)\};", source.read_text(), re.S)
+    assert names is not None
+    counted = set(re.findall(r'"(\w+)"', names[1]))
+    # A duplicate is no fault, and of a failed sweep the stage's own health tells.
+    assert {"duplicate", "failed"} < counted
+    assert set(doctor.DROPS) == counted - {"duplicate", "failed"}
