@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.integration.conftest import ROOT, Capture, digests
+from zloam_monitor.stages import STAGES
 
 FILES = ("trajectory.tum", "odometry.tum", "map.pcd")
 
@@ -43,7 +44,7 @@ def test_without_room_messages_go_through_sockets(
         out = tmp_path / options
         said = demo(build, capture, out, f"mount -t tmpfs -o {options} tmpfs /dev/shm")
         assert digests(out, FILES) == reference, options
-        for log in (out / "logs").glob("*.log"):
+        for log in (out / "logs" / f"{stage}.log" for stage in STAGES):
             lines = log.read_text().splitlines()
             assert sum("messages go through sockets" in line for line in lines) == 1, log.name
             said += log.read_text()
