@@ -86,9 +86,10 @@ def test_the_imu_has_its_own(
         f"mounting.{name}" for name in ("xyz_m", "rpy_deg", "imu_xyz_m", "imu_rpy_deg")
     }
     read = {key: [float(v) for v in value.strip("[]").split(",")] for key, value in of.items()}
-    pose = se3.from_xyz_rpy_deg(read["mounting.xyz_m"], read["mounting.rpy_deg"])
     wanted = matrix(*CHAIN[0][2:]) @ matrix(*CHAIN[1][2:])
-    np.testing.assert_allclose(pose, wanted, atol=1e-7)
+    for of_what in ("", "imu_"):
+        xyz_m, rpy_deg = (read[f"mounting.{of_what}{name}"] for name in ("xyz_m", "rpy_deg"))
+        np.testing.assert_allclose(se3.from_xyz_rpy_deg(xyz_m, rpy_deg), wanted, atol=1e-7)
 
 
 def test_what_the_user_says_stands(
