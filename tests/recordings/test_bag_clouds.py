@@ -42,6 +42,7 @@ def assert_same(sweeps: Iterable[Sweep], scans: list[Scan], within_ns: int = 0) 
         for axis, name in enumerate("xyz"):
             np.testing.assert_array_equal(points[name], xyz[:, axis])
         np.testing.assert_array_equal(points["ring"], scan.ring[same])
+        np.testing.assert_array_equal(points["intensity"], scan.intensity[same])
         instants_ns = points["time_ns"].astype(np.int64) + sweep.stamp_ns
         assert abs(instants_ns - (scan.time_ns[same] + scan.stamp_ns)).max() <= within_ns
 
