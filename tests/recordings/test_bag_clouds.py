@@ -122,7 +122,9 @@ def test_deskewed_clouds_hold_for_one_instant(scans: list[Scan], tmp_path: Path)
 
 def test_left_out_clouds_do_not_stretch_a_turn(scans: list[Scan], tmp_path: Path) -> None:
     path = variants.write(tmp_path / "bag", scans[1::3], PLAIN)
-    for sweep in read(path):
+    sweeps = read(path)
+    assert len(sweeps) == len(scans[1::3])
+    for sweep in sweeps:
         assert abs(sweep.period_ns - variants.PERIOD_NS) < 0.02 * variants.PERIOD_NS
 
 
