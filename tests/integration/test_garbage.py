@@ -12,8 +12,10 @@ import zenoh
 from tests.integration.conftest import CAPTURE_SECONDS, Capture
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain
+from zloam_monitor.keys import Keys
 from zloam_monitor.link import open_session
 from zloam_monitor.processes import endpoints
+from zloam_monitor.records import StatusRecord
 from zloam_monitor.robot_file import names
 
 #: messages of each kind, on each key
@@ -36,6 +38,18 @@ def bad_payloads(table: str, rng: random.Random) -> list[tuple[Any, str]]:
         (b"\x08\x00\x00\x00ZLXX" + noise, messages.encoding(table)),
         (noise, "text/plain"),
     ]
+
+
+def assert_counted_everywhere(keys: Keys, statuses: dict[str, StatusRecord]) -> None:
+    """Checks each input of each stage: integration's corrections, too, not only the sweeps."""
+    stages = ("registration", "odometry", "mapping", "integration")
+    accounts = {(s, account.key): account for s in stages for account in statuses[s].inputs}
+    expected = {(s, keys.main_input(s)) for s in stages} | {("integration", keys.map_correction)}
+    assert accounts.keys() >= expected
+    for where, account in accounts.items():
+        assert account.balanced(), where
+        assert account.dropped.get("garbage", 0) > 0, where
+        assert account.lost == 0, where
 
 
 def test_garbage_on_every_key(
@@ -100,8 +114,4 @@ def test_garbage_on_every_key(
     assert len(genuine) == 4, "no message of the stages was there to be cut short"
     assert set(codes.values()) == {0}
     assert len(poses) >= CAPTURE_SECONDS * 10
-    for stage in ("registration", "odometry", "mapping", "integration"):
-        account = statuses[stage].input(keys.main_input(stage))
-        assert account.balanced(), stage
-        assert account.dropped.get("garbage", 0) > 0, stage
-        assert account.lost == 0, stage
+    assert_counted_everywhere(keys, statuses)
