@@ -269,6 +269,8 @@ TEST(Registration, VoxelFilterKeepsMeansOnTheSurface) {
   const RegistrationResult all = extract_features(sweep, {kPeriod_ns, 16}, {});
   const RegistrationResult few = extract_features(sweep, {kPeriod_ns, 16}, config);
   EXPECT_LT(few.less_flat.size() * 8, all.less_flat.size());
+  // The wall is 2 * 5 m * tan 40 deg = 8.4 m wide, which is at least 20 voxels side by side.
+  EXPECT_GE(few.less_flat.size(), 20U);
   for (const Point& p : few.less_flat) {
     EXPECT_NEAR(p.x, 5.0F, 1e-4);
   }
@@ -378,6 +380,8 @@ TEST(Registration, WithoutRingsTheVoxelFilterFiltersAsWell) {
   const RegistrationResult few = extract_features(sweep, {kPeriod_ns, 0}, config);
   ASSERT_EQ(all.less_flat.size(), sweep.size());
   EXPECT_LT(few.less_flat.size() * 8, all.less_flat.size());
+  // The wall is 2 * 5 m * tan 40 deg = 8.4 m wide, which is at least 20 voxels side by side.
+  EXPECT_GE(few.less_flat.size(), 20U);
   for (const Point& p : few.less_flat) EXPECT_NEAR(p.x, 5.0F, 1e-4);
 }
 
