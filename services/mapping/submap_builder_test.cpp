@@ -63,6 +63,7 @@ TEST(SubmapBuilder, CutsByWayAndPutsTheFrameIntoTheMiddle) {
   EXPECT_DOUBLE_EQ(submaps[1].step_m, 11.0);
   EXPECT_DOUBLE_EQ(submaps[1].T_map_submap.translation().x(), 16.0);
   EXPECT_TRUE(submaps[1].connected);
+  ASSERT_FALSE(submaps[1].points.empty());
   for (const MapPoint& p : submaps[1].points) {
     EXPECT_NEAR(std::abs(p.y), 8.0, 1e-4);
     EXPECT_LT(std::abs(p.x), 15.0 + 5.1);
