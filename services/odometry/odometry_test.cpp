@@ -124,6 +124,8 @@ TEST(Odometry, CloudsLieOnTheSurfacesAtTheInstant) {
   const OdometryResult& r = d.results.back();
   const Pose T_world_base = exp_se3(twist * 0.6);
   double worst = 0.0;
+  // The sweep has 16 rings of 900 points.
+  ASSERT_GT(r.planes.size(), 1000U);
   for (const Point& p : r.planes) {
     const Eigen::Vector3d w = T_world_base * p.position().cast<double>();
     const double off =
