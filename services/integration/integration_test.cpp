@@ -359,6 +359,7 @@ TEST(Integration, AlongAWeakDirectionTheMapsMotionLeadsAtOnce) {
 
 TEST(Integration, OdometryThatErrsWithoutSayingSoIsFoundOut) {
   const auto errors = Drive{.slip_m = 0.1}.errors_m(60);
+  ASSERT_THAT(errors, SizeIs(60));
   EXPECT_GT(errors[2], 0.05);
   for (std::size_t n = 30; n < errors.size(); ++n) EXPECT_LT(errors[n], 0.01) << n;
 }
@@ -366,6 +367,7 @@ TEST(Integration, OdometryThatErrsWithoutSayingSoIsFoundOut) {
 TEST(Integration, OdometryThatSeesLeadsThroughAChangeOfSpeed) {
   // The map's last motion is wrong by 4 cm in each sweep.
   const auto errors = Drive{.acceleration_m = 0.04}.errors_m(40);
+  ASSERT_THAT(errors, SizeIs(40));
   for (const double error : errors) EXPECT_LT(error, 1e-3);
 }
 
@@ -478,9 +480,9 @@ TEST(Integration, InReplayACorrectionIsNeverOld) {
   Integrator integrator{config};
   integrator.add(sure(correction(0, along(0))));
   for (std::uint64_t sweep = 0; sweep < 30; ++sweep) {
-    for (const FusedPose& pose : integrator.add(odometry(sweep, true))) {
-      EXPECT_EQ(pose.health, Health::kOk) << sweep;
-    }
+    const auto fused = integrator.add(odometry(sweep, true));
+    ASSERT_THAT(fused, SizeIs(1)) << sweep;
+    EXPECT_EQ(fused[0].health, Health::kOk) << sweep;
   }
 }
 
