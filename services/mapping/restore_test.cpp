@@ -325,13 +325,17 @@ TEST_F(Restored, TheVersionsOfTheCubesGoOn) {
     for (const Tile& tile : saved.tiles) before = tile.id == id ? tile.version : before;
     EXPECT_GT(mapper.tile(id)->version, before);
   }
+  int compared = 0;
   for (const VoxelTile& tile : mapper.take_changed_voxels(0.0)) {
     for (const VoxelTile& old : saved.voxels) {
       if (old.index == tile.index) {
         EXPECT_GT(tile.version, old.version);
+        ++compared;
       }
     }
   }
+  // The sweep is of the same room.
+  EXPECT_GT(compared, 0);
 }
 
 TEST(VoxelTiles, ACubeIsHandedOutWhenItHasGrownEnough) {
