@@ -91,6 +91,8 @@ TEST(SweepPoints, NeighboursAreTakenTogether) {
 TEST(SweepPoints, AreInOrderOfTheirTimes) {
   SweepPoints points;
   points.set(input_of(full_sweep(16, 1800)), 0.5, {5, 3});
+  // Of each ring a fifth, up to one point.
+  ASSERT_NEAR(points.points().size(), 16 * 1800 / 5, 16);
   for (std::size_t i = 1; i < points.points().size(); ++i) {
     EXPECT_LE(points.points()[i - 1].slot, points.points()[i].slot);
   }
