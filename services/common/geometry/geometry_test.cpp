@@ -121,6 +121,7 @@ TEST(Deskew, StaticPointSeenFromAMovingSensorBecomesOnePoint) {
   }
   const PointVector moved = deskewed(sweep, DeskewTable(twist, period, period));
   const Eigen::Vector3d expected = exp_se3(twist * (period * 1e-9)).inverse() * world;
+  ASSERT_EQ(moved.size(), sweep.size());
   for (const Point& p : moved) {
     EXPECT_LT((p.position().cast<double>() - expected).norm(), 2e-3);
   }
