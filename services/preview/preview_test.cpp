@@ -131,6 +131,9 @@ TEST(Preview, BothLayersOfACubeAreShown) {
   put_all(preview, edges, 1, 0);
   Viewer viewer;
   for (int call = 0; call < 40; ++call) viewer.take(preview.take(kBudget_bytes, kOrigin));
+  std::set<CubeIndex> blocks;
+  for (const MapPoint& p : both) blocks.insert(index_of(p, kBlock_m));
+  ASSERT_EQ(viewer.shown.size(), blocks.size());
   for (const auto& [block, shown] : viewer.shown) {
     EXPECT_EQ(shown.cells, cells_in(both, block, shown.depth));
   }
