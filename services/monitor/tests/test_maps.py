@@ -44,10 +44,14 @@ def test_other_programs_read_them(made: PointMap, tmp_path: Path) -> None:
         maps.write(tmp_path / f"map{suffix}", made)
     pcd = PointCloud.from_path(tmp_path / "map.pcd").pc_data
     assert (pcd["layer"] == made.layers).all()
+    for axis in "xyz":
+        assert (pcd[axis] == made.points[axis]).all()
     for suffix in (".las", ".laz"):
         las = laspy.read(tmp_path / f"map{suffix}")
         assert str(las.header.version) == "1.4"
-        assert np.abs(np.asarray(las.x) - made.points["x"]).max() < 1e-3
+        for axis in "xyz":
+            # LAS has a resolution of 0.1 mm.
+            assert np.abs(np.asarray(las[axis]) - made.points[axis]).max() <= 1e-4
         assert (np.asarray(las["layer"]) == made.layers).all()
     assert (tmp_path / "map.laz").stat().st_size < (tmp_path / "map.las").stat().st_size
 
