@@ -25,8 +25,10 @@ def test_a_port_that_can_not_be_is_a_wrong_command_line(
     assert "--port" in capsys.readouterr().err
 
 
-def test_the_page_of_a_view_needs_two_ports() -> None:
+def test_the_page_of_a_view_needs_two_ports(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["view", "--port", "65535", "--connect", "tcp/127.0.0.1:1"]) == 2
+    # Code 2 is that of any wrong command line.
+    assert "--port" in capsys.readouterr().err
 
 
 def linked() -> Link:
