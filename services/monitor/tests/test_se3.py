@@ -58,4 +58,6 @@ def test_slerp(angle: float) -> None:
 def test_roll_pitch_yaw() -> None:
     for rpy in np.random.default_rng(3).uniform(-360, 360, (100, 3)):
         wanted = Rotation.from_euler("xyz", rpy, degrees=True).as_matrix()
-        np.testing.assert_allclose(se3.from_xyz_rpy_deg([1, 2, 3], rpy)[:3, :3], wanted, atol=1e-14)
+        found = se3.from_xyz_rpy_deg([1, 2, 3], rpy)
+        np.testing.assert_allclose(found[:3, :3], wanted, atol=1e-14)
+        assert found[:, 3].tolist() == [1, 2, 3, 1]
