@@ -121,7 +121,9 @@ def worst_excess_m(ours: NDArray[Any], theirs: NDArray[Any]) -> tuple[float, flo
     """
     if len(ours) != len(theirs):
         raise RuntimeError(f"{len(ours)} points, the other decoder has {len(theirs)}")
-    worst, excess = 0.0, -1.0
+    if not np.isfinite(_xyz(ours)).all():
+        raise RuntimeError("a coordinate is no number")
+    worst, excess, compared = 0.0, -np.inf, 0
     for ring in range(16):
         a, b = _xyz(ours[ours["ring"] == ring]), _xyz(theirs[theirs["ring"] == ring])
         if len(a) != len(b):
@@ -133,6 +135,9 @@ def worst_excess_m(ours: NDArray[Any], theirs: NDArray[Any]) -> tuple[float, flo
         worst = max(worst, float(distance.max()))
         over = distance - np.linalg.norm(a, axis=1) * AZIMUTH_ROUNDING_RAD
         excess = max(excess, float(over.max()))
+        compared += len(a)
+    if compared == 0 or compared < len(ours):
+        raise RuntimeError(f"{compared} of {len(ours)} points are of the 16 rings")
     return worst, excess
 
 
