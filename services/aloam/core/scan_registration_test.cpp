@@ -59,6 +59,7 @@ TEST(ScanRegistration, FlatPointsAreFourASegmentAndOnWalls) {
 
 TEST(ScanRegistration, QuotasHoldForEachRing) {
   const ScanFeatures f = extract_features(test::sweep_at(Pose::Identity(), 0.02), 0.3);
+  for (const PointVector* picks : {&f.sharp, &f.less_sharp, &f.flat}) ASSERT_FALSE(picks->empty());
   for (const auto& [ring, n] : by_ring(f.sharp)) EXPECT_LE(n, 12) << ring;
   for (const auto& [ring, n] : by_ring(f.less_sharp)) EXPECT_LE(n, 120) << ring;
   for (const auto& [ring, n] : by_ring(f.flat)) EXPECT_LE(n, 24) << ring;
@@ -68,22 +69,19 @@ TEST(ScanRegistration, QuotasHoldForEachRing) {
 TEST(ScanRegistration, PicksLieMoreThanFiveColumnsApart) {
   const ScanFeatures f = extract_features(test::sweep_at(Pose::Identity(), 0.02), 0.3);
   std::map<std::uint16_t, std::set<long>> columns;
-  for (const Point& p : f.less_sharp) {
-    columns[p.ring].insert(std::lround(p.time_ns * 1.0 * test::kColumns / test::kPeriod_ns));
-  }
+  ASSERT_FALSE(f.less_sharp.empty());
   // A step of more than 0.22 m between neighbours ends the suppression, so the distance of five
-  // columns is certain only for the dense ring below.
-  for (const auto& [ring, picked] : columns) {
-    long before = -100;
-    for (const long column : picked) {
-      EXPECT_GT(column - before, 0) << ring;
-      before = column;
-    }
+  // columns is certain only for the dense ring below; here no column is picked twice.
+  for (const Point& p : f.less_sharp) {
+    const long column = std::lround(p.time_ns * 1.0 * test::kColumns / test::kPeriod_ns);
+    EXPECT_TRUE(columns[p.ring].insert(column).second) << p.ring << " " << column;
   }
   const ScanFeatures square = extract_features(square_ring(720), 0.3);
   long before = -100;
   std::set<std::uint32_t> times;
   for (const Point& p : square.less_sharp) times.insert(p.time_ns / 1000);
+  ASSERT_FALSE(times.empty());
+  EXPECT_EQ(times.size(), square.less_sharp.size());
   for (const std::uint32_t column : times) {
     EXPECT_GT(static_cast<long>(column) - before, 5);
     before = static_cast<long>(column);
