@@ -89,10 +89,13 @@ TEST_F(Recall, WhoKeepsNothingAnswersNothing) {
   RunningStage reader(network_.open(0), setup("integration"),
                       [this](Stage& stage) { keep(stage, read_, 0); });
   publish_and_go();
+  bool there = false;
   bool none = false;
-  RunningStage again(network_.open(2), setup("odometry", "again"), [&none](Stage& stage) {
+  RunningStage again(network_.open(2), setup("odometry", "again"), [&](Stage& stage) {
+    there = wait_for_links([&] { return is_there(stage, "integration"); }, kPatience);
     none = recall<msg::Odometry>(stage, Key::kOdometry, kKept, 3).empty();
   });
+  EXPECT_TRUE(there) << "whoever is not linked yet has no answer either";
   EXPECT_TRUE(none);
 }
 
