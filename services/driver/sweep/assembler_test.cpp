@@ -91,11 +91,14 @@ TEST(Assembler, SaysWhichPacketsASweepIsOf) {
 
 TEST(Assembler, ColumnsAreTheFirings) {
   TurningSensor sensor;
+  std::size_t points = 0;
   for (const DecodedSweep& sweep : assemble(packets_of(sensor, 200))) {
     for (std::size_t i = 0; i < sweep.points.size(); ++i) {
       ASSERT_EQ(sweep.columns[i], i / 16);
     }
+    points += sweep.points.size();
   }
+  EXPECT_EQ(points, 200U * 384U);
 }
 
 TEST(Assembler, AcceptsAllLengthsButDecodesOnlyItsOwn) {
