@@ -177,18 +177,25 @@ def test_a_sensor_feeds_packets_and_nothing_else(door: Door) -> None:
     heard.undeclare()
 
 
+def assert_still_open(door: Door) -> None:
+    """A router that has ended, or refuses everybody, refuses the right ones, too."""
+    as_role(door, "operator").close()
+
+
 def test_no_certificate_no_link(door: Door) -> None:
     with pytest.raises(zenoh.ZError):
         client(
             f"tls/localhost:{door.tls_port}",
             root_ca_certificate=str(door.folder / "authority.crt"),
         )
+    assert_still_open(door)
 
 
 def test_a_certificate_of_another_authority_is_refused(door: Door, tmp_path: Path) -> None:
     certificates(tmp_path)
     with pytest.raises(zenoh.ZError):
         as_role(door, "operator", tmp_path)
+    assert_still_open(door)
 
 
 def test_an_expired_certificate_is_refused(door: Door) -> None:
@@ -196,6 +203,7 @@ def test_an_expired_certificate_is_refused(door: Door) -> None:
     time.sleep(1.1)  # the certificate was valid only for the second in which it was made
     with pytest.raises(zenoh.ZError):
         as_role(door, "late")
+    assert_still_open(door)
 
 
 def test_a_stranger_to_the_rules_may_do_nothing(door: Door) -> None:
