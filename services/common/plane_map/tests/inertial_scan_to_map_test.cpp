@@ -107,16 +107,16 @@ TEST(InertialRegistration, WhereThePointsTellAllItTakesNothing) {
 
 // The IMU's step is used only if it starts from the sweep directly before.
 TEST(InertialRegistration, IsNotUsedAfterAGap) {
-  const auto twist_found = [](bool told) {
+  const auto twist_found = [](int end, bool told) {
     ScanToMap tracker{PlaneMapConfig{}, MatcherConfig{}};
     std::mt19937 random(5);
     ScanToMapResult last;
-    for (const int k : {0, 1, 2, 3, 6}) {
+    for (const int k : {0, 1, 2, 3, end}) {
       const PointVector points = scan(Room{}, noisy(), Pose::Identity(), Vector6::Zero(), random);
       SweepInput sweep;
       sweep.points = points;
       sweep.stamp_ns = k * kPeriod_ns;
-      if (told && k == 6) {
+      if (told && k == end) {
         sweep.inertial = step_to(1);
         sweep.inertial->velocity_change_mps << 5.0, 0.0, 0.0;
         sweep.inertial->at_rest = false;
@@ -125,7 +125,8 @@ TEST(InertialRegistration, IsNotUsedAfterAGap) {
     }
     return last.twist_per_s;
   };
-  EXPECT_EQ(twist_found(true), twist_found(false));
+  EXPECT_EQ(twist_found(6, true), twist_found(6, false));
+  EXPECT_NE(twist_found(4, true), twist_found(4, false)) << "nor is it used without a gap";
 }
 
 }  // namespace
