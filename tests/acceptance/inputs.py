@@ -95,6 +95,8 @@ def _case(setting: Setting, name: str) -> Path:
 def _compared(setting: Setting, name: str) -> tuple[Decoded, Decoded]:
     capture, _, folder = _base(setting)
     made = _case(setting, name)
+    if made.read_bytes() == capture.read_bytes():
+        raise RuntimeError(f"the generator changed nothing for {name}")
     plain = _decoded(setting, "--pcap", capture, folder)
     found = _decoded(setting, "--pcap", made, folder)
     made.unlink()
