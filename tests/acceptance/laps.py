@@ -124,7 +124,10 @@ def _after(history: list[Spent], sweep: int) -> Spent:
 
 def _memory_grown(history: History, stage: str) -> float:
     spent = history[stage]
-    return spent[-1].rss_mib / _after(spent, 2 * _sweeps_a_lap(history)).rss_mib
+    after_two = _after(spent, 2 * _sweeps_a_lap(history))
+    if after_two is spent[-1]:
+        raise RuntimeError(f"{stage}: nothing was heard after lap 2")
+    return spent[-1].rss_mib / after_two.rss_mib
 
 
 def _memory(s: Setting) -> Measured:
