@@ -26,7 +26,7 @@ def _measured(setting: Setting, lidar: str, world: str, limit: float, beside: st
         )
         ratios.append(one.fused_m / other.fused_m)
         texts.append(f"{one.fused_m:.4f} m ({ratios[-1]:.2f})")
-    return Measured(", ".join(texts), max(ratios) <= limit)
+    return Measured(", ".join(texts), all(ratio <= limit for ratio in ratios))
 
 
 def checks(setting: Setting) -> list[Check]:
