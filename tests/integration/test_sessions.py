@@ -195,7 +195,7 @@ def test_a_folder_may_have_a_name_that_is_no_utf8(
     odd, out = tmp_path / os.fsdecode(b"stra\xdfe"), tmp_path / "out"
     shutil.copytree(folders[0], odd)
     command = [build / "bin" / "zloam-sessions", odd, "--quiet", "--out", out]
-    done = subprocess.run(command, capture_output=True, check=False)
+    done = subprocess.run(list(map(str, command)), capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
     report = json.loads((out / "sessions.json").read_text(encoding="utf-8"))
     assert report["sessions"][0]["folder"].endswith("stra\ufffde")

@@ -57,7 +57,7 @@ def test_fields_of_a_count_of_0_have_one_value() -> None:
     xyz = [field(name, 4 * at, 7, 0) for at, name in enumerate("xyz")]
     data = np.array([1.0, 2.0, 3.0], "<f4").view(np.uint8)
     message = types[CLOUD](header, 1, 1, xyz, False, 12, 12, data, True)
-    names = fields.names_of([f.name for f in xyz], "")
+    names = fields.names_of(list("xyz"), "")
     assert fields.cloud_of(message, names).xyz.tolist() == [[1.0, 2.0, 3.0]]
 
 
