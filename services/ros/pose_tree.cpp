@@ -38,8 +38,12 @@ Matrix6 about_frame_axes(const Pose& T_frame_base, const Matrix6& tangent_covari
 PoseTree::Uncertainty PoseTree::add(const OdometryStep& step) {
   const bool same_frame = !steps_.empty() && steps_.back().epoch == step.epoch;
   const bool same_run = same_frame && steps_.back().run == step.run;
-  if (same_run && step.sweep <= steps_.back().sweep) return add_late(step);
-  const bool goes_on = same_frame && steps_.back().instant_ns < step.instant_ns;
+  if (same_run && step.sweep <= steps_.back().sweep) {
+    if (last_before(step) != steps_.rend()) return add_late(step);
+    // The same recording is replayed again, with the same run.
+    steps_.clear();
+  }
+  const bool goes_on = same_frame && !steps_.empty() && steps_.back().instant_ns < step.instant_ns;
   if (!goes_on) covariance_.setZero();
   Uncertainty found = goes_on ? go_on(step) : Uncertainty{};
   found.pose = about_frame_axes(step.T_odom_base, covariance_);
@@ -55,14 +59,17 @@ PoseTree::Uncertainty PoseTree::go_on(const OdometryStep& step) {
   return {.twist = twist_covariance(before, step)};
 }
 
+PoseTree::Steps::reverse_iterator PoseTree::last_before(const OdometryStep& step) {
+  return std::find_if(steps_.rbegin(), steps_.rend(), [&](const OdometryStep& other) {
+    return other.epoch == step.epoch && other.instant_ns < step.instant_ns;
+  });
+}
+
 // The newest pose stays the one from which the next step goes on. A sweep that two instances have
 // published, one of which took over from the other, counts once.
 PoseTree::Uncertainty PoseTree::add_late(const OdometryStep& step) {
-  const auto before = std::find_if(steps_.rbegin(), steps_.rend(), [&](const OdometryStep& other) {
-    return other.epoch == step.epoch && other.instant_ns < step.instant_ns;
-  });
-  Uncertainty found;
-  if (before != steps_.rend()) found.twist = twist_covariance(*before, step);
+  const auto before = last_before(step);
+  Uncertainty found{.twist = twist_covariance(*before, step)};
   const Pose T_newest_late = motion_between(steps_.back(), step);
   const bool is_new = std::none_of(steps_.begin(), steps_.end(), same_sweep(step));
   if (is_new) covariance_ += carried(step.step_covariance, T_newest_late);

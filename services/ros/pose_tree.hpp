@@ -59,12 +59,16 @@ class PoseTree {
   std::vector<Correction> take_corrections() { return std::exchange(corrections_, {}); }
 
  private:
+  using Steps = std::deque<OdometryStep>;
+
   void correct(const OdometryStep& odometry, const MapStep& map);
+  /// The newest of the same frame that is older.
+  Steps::reverse_iterator last_before(const OdometryStep& step);
   Uncertainty go_on(const OdometryStep& step);
   Uncertainty add_late(const OdometryStep& step);
   void join_waiting(const OdometryStep& step);
 
-  std::deque<OdometryStep> steps_;
+  Steps steps_;
   /// map poses whose odometry has not arrived yet
   std::deque<MapStep> waiting_;
   std::vector<Correction> corrections_;

@@ -88,6 +88,20 @@ TEST(PoseTree, ASweepThatComesLateOrTwiceKeepsTheCovariance) {
   EXPECT_TRUE(found.pose.isApprox(wanted.pose, 1e-12));
 }
 
+// The second replay has the same run and the same odom frame.
+TEST(PoseTree, ARecordingThatIsReplayedAgainBeginsExactly) {
+  for (const int last : {kSteps, 10 * kSteps}) {
+    PoseTree tree;
+    PoseTree::Uncertainty first, second;
+    for (int n = 0; n <= last; ++n) first = tree.add(step_at(n, Pose::Identity()));
+    EXPECT_EQ(tree.add(step_at(0, Pose::Identity())).pose, Matrix6::Zero().eval());
+    for (int n = 1; n <= last; ++n) second = tree.add(step_at(n, Pose::Identity()));
+    EXPECT_EQ(second.pose, first.pose) << last;
+    tree.add(MapStep{0, static_cast<std::uint64_t>(last), 77, exp_se3(kStep)});
+    EXPECT_EQ(tree.take_corrections().size(), 1U);
+  }
+}
+
 TEST(PoseTree, AFrameThatContinuesInAnotherRunKeepsItsCovariance) {
   PoseTree one_run, two_runs;
   Pose pose = Pose::Identity();

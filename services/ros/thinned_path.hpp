@@ -17,9 +17,13 @@ class ThinnedPath {
   static constexpr std::size_t kMost = 10'000;
 
   /// Keeps every n-th pose; n doubles when kMost is reached. One that comes late, because its
-  /// message was lost at first, is left out: the line would go back and forth.
+  /// message was lost at first, is left out: the line would go back and forth. With one that is not
+  /// after the first pose the path begins anew: the same recording is replayed again.
   void add(std::int64_t stamp_ns, const Pose& pose) {
-    if (added_ > 0 && stamp_ns <= newest_.first) return;
+    if (added_ > 0 && stamp_ns <= newest_.first) {
+      if (stamp_ns > kept_.front().first) return;
+      clear();
+    }
     newest_ = {stamp_ns, pose};
     if (added_++ % every_ != 0) return;
     kept_.push_back(newest_);

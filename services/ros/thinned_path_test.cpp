@@ -37,5 +37,13 @@ TEST(ThinnedPath, TimeAscendsAlsoWithPosesThatComeLate) {
   EXPECT_EQ(times_ns, (std::vector<std::int64_t>{10, 11, 13, 14}));
 }
 
+// Nothing else tells of the second replay: it has the same run.
+TEST(ThinnedPath, OfARecordingThatIsReplayedAgainThePathBeginsAnew) {
+  ThinnedPath path;
+  for (const std::int64_t n : {10, 11, 12, 10, 11}) path.add(n, Pose::Identity());
+  ASSERT_EQ(path.poses().size(), 2U);
+  EXPECT_EQ(path.poses().back().first, 11);
+}
+
 }  // namespace
 }  // namespace zloam::ros
