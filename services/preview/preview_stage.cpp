@@ -120,7 +120,8 @@ void PreviewStage::every_period() {
     asking_.want();
   }
   stage_.figure("has_reader", wanted ? 1.0 : 0.0);
-  if (!wanted) return;
+  // It asks again when somebody reads it again.
+  if (!wanted) return stage_.degraded("tiles", "");
   ask_for_all();
   take_tiles();
   if (pace_.may_send(runtime::steady_ns())) say();

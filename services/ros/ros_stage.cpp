@@ -270,6 +270,8 @@ void RosStage::take_tiles() {
                                            : "not all tiles of the map came (" + error +
                                                  "): /map may lack parts; it is asked again");
   }
+  // They are asked for again when somebody reads /map again.
+  if (!wanted) stage_.degraded("tiles", "");
   for (const zenoh::Sample& sample : tiles_.take()) take_tile(sample);
 }
 
