@@ -258,11 +258,17 @@ bool LoopGraph::remove(std::size_t from, std::size_t to) {
   for (Loop& loop : s.loops) {
     if (loop.from != from || loop.to != to || loop.verdict != Verdict::kAccepted) continue;
     loop.verdict = Verdict::kRemoved;
+    const std::vector<Loop> left = s.loops;
     // What only contradicted this one counts again, and what contradicts others too is taken back.
     for (Loop& other : s.loops) {
       if (other.verdict == Verdict::kTakenBack) other.verdict = Verdict::kAccepted;
     }
     std::vector<Loop> ignored;
+    s.part(ignored);
+    s.optimise(ignored);
+    if (s.fitted) return true;
+    // Without a fit the poses would still be those with the removed loop.
+    s.loops = left;
     s.part(ignored);
     s.optimise(ignored);
     return true;
