@@ -137,9 +137,10 @@ bool GraphStage::has_missed(const msg::Header& first) {
            runtime::goes_on(first, p.instant_ns, runtime::kLongestSearch_ns);
   };
   if (first.sweep() > 0 || std::ranges::any_of(path_, goes_on)) return true;
-  // An earlier drive in this map has files of its own.
+  // An earlier drive in this map has files of its own, and nothing of it is missing here.
   path_.clear();
   is_lost_ = true;
+  stage_.degraded("recall", "");
   return false;
 }
 
@@ -190,9 +191,10 @@ void GraphStage::take(const SubmapMessage& message) {
 
 void GraphStage::take(const PoseMessage& message) {
   const bool is_of_map = follow_map(message.header(), message->instant_ns());
+  // Also of a pose that mapping's path had already.
+  if (is_of_map) note_header(message);
   if (is_of_map && (path_.empty() || message->instant_ns() > path_.back().instant_ns)) {
     path_.push_back({message->instant_ns(), message.sweep(), pose_of(message->pose_map_base())});
-    note_header(message);
     unsaved_ = true;
     is_lost_ = is_lost_ && health_of(message->health()) == Health::kLost;
   }
