@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 import time
+from typing import Literal
 
 import pytest
 
@@ -12,6 +14,8 @@ from zloam_monitor.gaps import WINDOW
 from zloam_monitor.intake import MIB, Intake
 
 SECOND_NS = 10**9
+#: Limit of the time of a test that fails.
+PATIENCE_S = 60.0
 
 
 @pytest.fixture(autouse=True)
@@ -24,8 +28,10 @@ def session() -> FakeSession:
     return FakeSession()
 
 
-def opened(session: FakeSession, most_bytes: int = MIB) -> Intake:
-    return Intake(session, [session.keys.below("**")], most_bytes, leave_out="oldest")
+def opened(
+    session: FakeSession, most_bytes: int = MIB, leave_out: Literal["oldest", "newest"] = "oldest"
+) -> Intake:
+    return Intake(session, [session.keys.below("**")], most_bytes, leave_out)
 
 
 def publish(
@@ -57,6 +63,41 @@ def test_what_is_left_out_meanwhile_ends_it_too(session: FakeSession) -> None:
     session.publish("loam/robot/b", bytes(400))
     assert [len(sample.payload) for sample in taken] == [400]
     assert intake.dropped == {"loam/robot/a": 1}
+
+
+def a_message(seq: int, replay: bool) -> bytes:
+    header = compose.HeaderValues(1, seq, seq, replay=replay)
+    return compose.pose("MapPose", header, seq, (0, 0, 0), (0, 0, 0, 1))
+
+
+@pytest.mark.parametrize(("replay", "read"), [(True, 50), (False, 2)])
+def test_a_replay_waits_for_room(session: FakeSession, replay: bool, read: int) -> None:
+    messages = [a_message(seq, replay) for seq in range(1, 51)]
+    intake = opened(session, most_bytes=2 * len(messages[0]), leave_out="newest")
+
+    def publish_all() -> None:
+        for each in messages:
+            intake.add("pose", each)
+
+    publisher = threading.Thread(target=publish_all)
+    publisher.start()
+    if not replay:
+        publisher.join()
+    taken = [intake.take(PATIENCE_S).payload for _ in range(read)]
+    publisher.join()
+    assert taken == messages[:read]
+    assert sum(intake.dropped.values()) == 50 - read
+
+
+def test_what_waits_for_room_at_the_end_is_taken(session: FakeSession) -> None:
+    messages = [a_message(seq, replay=True) for seq in (1, 2)]
+    intake = opened(session, most_bytes=len(messages[0]), leave_out="newest")
+    intake.add("pose", messages[0])
+    publisher = threading.Thread(target=intake.add, args=("pose", messages[1]))
+    publisher.start()
+    intake.close()
+    publisher.join()
+    assert [sample.payload for sample in intake.taken()] == messages
 
 
 @pytest.mark.parametrize(

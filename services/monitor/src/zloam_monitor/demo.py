@@ -162,6 +162,8 @@ def _heard(options: DemoOptions, claim: Claim) -> Run:
                 line.end()
         chain.link.query_statuses()
         chain.link.query_revisions()
+        if recording:
+            recording.catch_up()
         codes = chain.stop()
         lacks = [*unseen, *(recording.end() if recording else [])]
         truths, no_reference = references.of_base(options.truth, configs)

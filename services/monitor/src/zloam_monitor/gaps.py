@@ -20,6 +20,8 @@ class Number:
     seq: int
     #: 0: not set.
     run: int = 0
+    #: Of a replay, whose publishers wait for their readers.
+    replay: bool = False
 
 
 def number_of(payload: bytes) -> Number | None:
@@ -27,7 +29,9 @@ def number_of(payload: bytes) -> Number | None:
     with contextlib.suppress(*messages.DECODE_ERRORS):
         header = messages.header_of(payload)
         if header is not None:
-            return Number(header.Instance() or b"", header.Seq(), header.Run())
+            return Number(
+                header.Instance() or b"", header.Seq(), header.Run(), bool(header.Replay())
+            )
     return None
 
 

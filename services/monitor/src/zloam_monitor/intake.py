@@ -13,10 +13,13 @@ from typing import Any, Literal
 
 import zenoh
 
-from zloam_monitor.gaps import Gaps, number_of
+from zloam_monitor.gaps import Gaps, Number, number_of
 from zloam_monitor.keys import topic_of
 
 MIB = 1 << 20
+#: A replay's message waits this long for room. Zenoh closes the link of a reader after 30 s
+#: (services/common/runtime/session_config.cpp).
+MOST_WAIT_S = 20.0
 
 
 class Clock:
@@ -43,7 +46,8 @@ class Sample:
 
 class Intake:
     """A queue of at most `most_bytes`; beyond it the oldest or the newest messages are dropped and
-    counted. A slow reader never blocks Zenoh's threads."""
+    counted. A slow reader blocks Zenoh's threads only in a replay whose newest would be dropped:
+    that holds its publishers, and the replay goes at the reader's pace."""
 
     def __init__(
         self,
@@ -55,6 +59,7 @@ class Intake:
         self._most_bytes, self._leave_out = most_bytes, leave_out
         self._waiting: deque[Sample] = deque()
         self._bytes = 0
+        self._closed = False
         self._gaps = Gaps()
         self.clock = Clock()
         #: Key -> number of dropped messages.
@@ -64,6 +69,9 @@ class Intake:
 
     def close(self) -> None:
         """Ends the subscriptions; waiting messages can still be taken."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
         for subscriber in self._subscribers:
             with contextlib.suppress(zenoh.ZError):  # The session may be closed already.
                 subscriber.undeclare()
@@ -79,19 +87,32 @@ class Intake:
         with self._changed:
             if number is not None:
                 self._gaps.take(topic_of(key), number)
-            if self._leave_out == "newest" and self._is_full(sample):
+            if self._leave_out == "oldest":
+                self._make_room(sample)
+            elif not self._waited_for_room(sample, number):
                 self._drop(sample)
                 return
-            while self._waiting and self._is_full(sample):
-                oldest = self._waiting.popleft()
-                self._bytes -= len(oldest.payload)
-                self._drop(oldest)
             self._waiting.append(sample)
             self._bytes += len(sample.payload)
-            self._changed.notify()
+            self._changed.notify_all()
+
+    def _make_room(self, sample: Sample) -> None:
+        while self._waiting and self._is_full(sample):
+            oldest = self._waiting.popleft()
+            self._bytes -= len(oldest.payload)
+            self._drop(oldest)
+
+    def _waited_for_room(self, sample: Sample, number: Number | None) -> bool:
+        """False: there is none, and this is no replay or has waited long enough."""
+        seconds = MOST_WAIT_S if number is not None and number.replay else 0.0
+        return self._changed.wait_for(lambda: self._has_room(sample), seconds)
 
     def _is_full(self, sample: Sample) -> bool:
         return self._bytes + len(sample.payload) > self._most_bytes
+
+    def _has_room(self, sample: Sample) -> bool:
+        """After the end the few messages that waited for room are taken, too."""
+        return self._closed or not self._waiting or not self._is_full(sample)
 
     def _drop(self, sample: Sample) -> None:
         self.dropped[sample.key] = self.dropped.get(sample.key, 0) + 1
@@ -103,6 +124,7 @@ class Intake:
                 raise queue.Empty
             sample = self._waiting.popleft()
             self._bytes -= len(sample.payload)
+            self._changed.notify_all()
             return sample
 
     def taken(self) -> Iterator[Sample]:

@@ -206,16 +206,18 @@ class Recorder:
         """Bytes of all files."""
         return self.before + self._file.bytes
 
-    def poll(self, seconds: float = 0.0) -> None:
-        """Writes received messages, waiting up to `seconds` for one; raises RecordingError."""
+    def poll(self, seconds: float = 0.0) -> bool:
+        """Writes received messages, waiting up to `seconds` for one; False: none came. Raises
+        RecordingError."""
         try:
             sample = self._intake.take(seconds)
         except queue.Empty:
             self._synced()
-            return
+            return False
         self._take(sample)
         for more in self._intake.taken():
             self._take(more)
+        return True
 
     def _lacking(self) -> list[str]:
         """Keys of configurations that are not in the file yet."""
@@ -288,6 +290,10 @@ class Recorder:
         for sample in self._standing.values():
             self._put(sample)
 
+    def give_up(self) -> None:
+        """Receives nothing more, so that no publisher waits for this recorder."""
+        self._intake.close()
+
     def close(self) -> None:
         """Writes the waiting messages and the counts of those dropped, and closes the file; does
         nothing if it is closed."""
@@ -349,6 +355,8 @@ class Beside:
     def __init__(self, link: Link, path: Path) -> None:
         self._recorder = Recorder(link, Options(path))
         self._ends = threading.Event()
+        #: Set while nothing waits to be written.
+        self._idle = threading.Event()
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._run)
 
@@ -360,9 +368,20 @@ class Beside:
     def _run(self) -> None:
         try:
             while not self._ends.is_set():
-                self._recorder.poll(0.2)
+                if self._recorder.poll(0.2):
+                    self._idle.clear()
+                else:
+                    self._idle.set()
         except FAILURES as error:
             self._error = error
+            self._recorder.give_up()
+
+    def catch_up(self) -> None:
+        """Waits until all that has come is written: while messages wait here, further ones of a
+        replay wait at their publishers, and would be lost with them."""
+        self._idle.clear()
+        while self._thread.is_alive() and not self._idle.wait(0.2):
+            pass
 
     def end(self) -> list[str]:
         """Ends the recording; returns texts about what is missing, none if it is complete."""
