@@ -329,7 +329,14 @@ class LiveRun:
             before = set(self.chain.link.statuses)
             last = self.restart(*stages, away=away)
             self._until(lambda: all(self._has_begun(stage, before) for stage in stages))
+            # On a busy machine enough of the drive may have been sent before the first pose.
+            self._until(lambda: self._has_pose_after(last) or not self._sender.is_alive())
             return last, self.end()
+
+    def _has_pose_after(self, last: PoseRecord) -> bool:
+        """Whether a later pose came that does not only bridge a gap."""
+        later = (pose for pose in self.poses.values() if pose.instant_ns > last.instant_ns)
+        return any(pose.health != BRIDGING for pose in later)
 
     def _has_begun(self, stage: str, before: set[tuple[str, str]]) -> bool:
         """Whether an instance that is not among those before has processed a sweep."""
