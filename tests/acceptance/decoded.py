@@ -121,7 +121,7 @@ def worst_excess_m(ours: NDArray[Any], theirs: NDArray[Any]) -> tuple[float, flo
     """
     if len(ours) != len(theirs):
         raise RuntimeError(f"{len(ours)} points, the other decoder has {len(theirs)}")
-    if not np.isfinite(_xyz(ours)).all():
+    if not all(np.isfinite(_xyz(points)).all() for points in (ours, theirs)):
         raise RuntimeError("a coordinate is no number")
     worst, excess, compared = 0.0, -np.inf, 0
     for ring in range(16):
