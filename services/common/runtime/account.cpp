@@ -5,8 +5,9 @@
 namespace zloam::runtime {
 
 const char* drop_name(Drop reason) {
-  constexpr std::array<const char*, kDropReasons> kNames = {
-      "duplicate", "fenced", "late", "queue_full", "garbage", "wrong_run", "invalid", "failed"};
+  constexpr std::array<const char*, kDropReasons> kNames = {"duplicate",  "fenced",  "late",
+                                                            "queue_full", "garbage", "wrong_run",
+                                                            "invalid",    "failed",  "torn"};
   return kNames[static_cast<std::size_t>(reason)];
 }
 

@@ -20,8 +20,10 @@ enum class Drop : std::uint8_t {
   kInvalid,
   /// Accepted, but processing failed.
   kFailed,
+  /// Its shared memory was written again before it was read; the sweep stays missing.
+  kTorn,
 };
-inline constexpr std::size_t kDropReasons = 8;
+inline constexpr std::size_t kDropReasons = 9;
 const char* drop_name(Drop reason);
 
 struct Account {

@@ -101,7 +101,7 @@ void InletCore::accept(Raw raw) {
   const zenoh::AlignedBytes bytes =
       zenoh::view_aligned(std::move(raw.sample.payload), &shared_->transfer);
   if (bytes.torn()) {
-    report_drop(Drop::kInvalid, "its shared memory was written again before it was read");
+    report_drop(Drop::kTorn, "its shared memory was written again before it was read");
     return;
   }
   const VerifyResult result = setup_.verify(bytes.data(), raw.sample.encoding);

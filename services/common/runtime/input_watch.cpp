@@ -19,6 +19,9 @@ constexpr int kLooksUntilCalm = 5;
 constexpr std::array kRefused = {
     std::pair{Drop::kGarbage, "no messages of this kind, or larger than any of them"},
     std::pair{Drop::kInvalid, "values or numbers that can't be, or another configuration"},
+    std::pair{Drop::kTorn,
+              "written again before it was read: this stage had no processor for 0.1 s, and its "
+              "publisher's zenoh.pool_mib was used up"},
     std::pair{Drop::kWrongRun, "another run: is there a second driver, or a robot of this name?"},
 };
 

@@ -156,6 +156,10 @@ WRONG: dict[str, tuple[Heard, str]] = {
         changed(well(), "mapping", inputs=dropped("wrong_run")),
         "mapping dropped 30 of sweep as wrong_run",
     ),
+    "messages that were written over": (
+        changed(well(), "mapping", inputs=dropped("torn")),
+        "mapping dropped 30 of sweep as torn",
+    ),
     "which is slow": (
         replace(well(), mapped=[worked(n, "mapping", 110.0) for n in range(50)]),
         "mapping takes 110 ms for a sweep on average, and one comes every 100 ms",
@@ -165,6 +169,10 @@ WRONG: dict[str, tuple[Heard, str]] = {
             well(), mapped=[worked(n, "mapping", 2.0 if n % 3 else 600.0) for n in range(50)]
         ),
         "mapping takes 197 ms for a sweep on average",
+    ),
+    "which is slow and has done one": (
+        replace(well(), mapped=[worked(0, "mapping", 900.0)]),
+        "mapping takes 900 ms for a sweep on average",
     ),
     "which has not even done one": (
         at_one_sweep(well(), "mapping"),

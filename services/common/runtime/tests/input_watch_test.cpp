@@ -83,6 +83,7 @@ TEST(InputWatch, StrangersAreNoSignOfLife) {
 TEST(InputWatch, RefusalsAreNamedAndOver) {
   for (const auto& [reason, name] : {std::pair{Drop::kGarbage, "garbage"},
                                      {Drop::kInvalid, "invalid"},
+                                     {Drop::kTorn, "torn"},
                                      {Drop::kWrongRun, "wrong_run"}}) {
     Watched input;
     input.second(10);

@@ -12,7 +12,7 @@ from zloam_monitor.stages import POSE_PATH, STAGES
 
 #: Drop reasons that do not mean that a sweep went missing: second copies, and messages of other
 #: runs or senders. A sweep whose only message was refused is counted as lost.
-NO_SWEEP_GIVEN_UP = ("duplicate", "fenced", "wrong_run", "garbage", "invalid")
+NO_SWEEP_GIVEN_UP = ("duplicate", "fenced", "wrong_run", "garbage", "invalid", "torn")
 
 
 @dataclass(frozen=True)
