@@ -82,8 +82,12 @@ TEST(PoseTree, ASweepThatComesLateOrTwiceKeepsTheCovariance) {
   steps.insert(steps.begin() + 9, steps[8]);
   for (const OdometryStep& step : steps) {
     found = as_it_comes.add(step);
-    if (step.sweep > 0) EXPECT_GT(found.pose.trace(), 0.0) << step.sweep;
-    if (step.sweep == 5) EXPECT_NEAR(found.twist(0, 0), 0.1 * 0.1, 1e-12);
+    if (step.sweep > 0) {
+      EXPECT_GT(found.pose.trace(), 0.0) << step.sweep;
+    }
+    if (step.sweep == 5) {
+      EXPECT_NEAR(found.twist(0, 0), 0.1 * 0.1, 1e-12);
+    }
   }
   EXPECT_TRUE(found.pose.isApprox(wanted.pose, 1e-12));
 }
