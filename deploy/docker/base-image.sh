@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # For machines without an image registry: makes the base image, Compose v2 and buildx from Debian packages.
 #   base-image.sh [SUITE]      SUITE: trixie (default) or bookworm; imports debian:SUITE-slim
-# Does nothing that is done already. Needs root, mmdebstrap and a running Docker Engine.
+# Makes only what is missing. Needs root, mmdebstrap and a running Docker Engine.
 set -euo pipefail
 case ${1:-trixie} in
   trixie | bookworm) suite=${1:-trixie} ;;
@@ -13,15 +13,27 @@ plugins=${DOCKER_CONFIG:-$HOME/.docker}/cli-plugins
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
-command -v mmdebstrap >/dev/null || { echo "base-image: install mmdebstrap (make tools)" >&2; exit 1; }
-docker info >/dev/null 2>&1 || { echo "base-image: the Docker Engine does not answer" >&2; exit 1; }
+fail() { echo "base-image: $*" >&2; exit 1; }
+command -v docker >/dev/null ||
+  fail "Docker is not installed: apt install docker.io (on Debian 13 also docker-cli docker-compose docker-buildx)"
+said=$(docker info 2>&1 >/dev/null) || fail "the Docker Engine does not answer: ${said:-docker info failed}"
 
-if [ ! -x "$plugins/docker-compose" ] || [ ! -x "$plugins/docker-buildx" ]; then
-  echo "base-image: Compose and buildx into $plugins"
-  mmdebstrap --quiet --variant=extract --include=docker-compose,docker-buildx trixie "$work/plugins"
+# What Docker has is kept: a user's Compose may be newer.
+missing=()
+for plugin in compose buildx; do
+  docker "$plugin" version >/dev/null 2>&1 || missing+=("docker-$plugin")
+done
+docker image inspect "$image" >/dev/null 2>&1 || missing+=("$image")
+[ ${#missing[@]} -eq 0 ] || command -v mmdebstrap >/dev/null ||
+  fail "${missing[*]} can't be made without mmdebstrap: apt install mmdebstrap"
+
+for name in "${missing[@]}"; do
+  [ "$name" != "$image" ] || continue
+  echo "base-image: $name into $plugins"
+  mmdebstrap --quiet --variant=extract --include="$name" trixie "$work/$name"
   mkdir -p "$plugins"
-  cp "$work"/plugins/usr/libexec/docker/cli-plugins/docker-* "$plugins/"
-fi
+  cp "$work/$name/usr/libexec/docker/cli-plugins/$name" "$plugins/"
+done
 if ! docker image inspect "$image" >/dev/null 2>&1; then
   echo "base-image: $image"
   # As in the official slim images: manuals and translations are left out, and dpkg does not sync

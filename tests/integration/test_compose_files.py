@@ -122,6 +122,52 @@ def test_images_sh_builds_every_image_of_the_deployment(
     assert {s["image"] for s in found} == built
 
 
+def image_script(name: str, tmp_path: Path, docker: str | None, *words: str) -> tuple[int, str]:
+    """A script of deploy/docker in a copy of what it reads; `docker`: the script in its place."""
+    for file in (
+        ".env",
+        f"deploy/docker/{name}.sh",
+        "deploy/docker/base.sh",
+        "deploy/docker/base-image.sh",
+    ):
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        if not (tmp_path / file).exists():
+            shutil.copy(ROOT / file, tmp_path / file)
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for tool in ("bash", "sh", "dirname", "sed", "grep", "tail", "mktemp", "rm"):
+        (tools / tool).symlink_to(str(shutil.which(tool)))
+    if docker is not None:
+        (tools / "docker").write_text(f"#!/bin/bash\n{docker}\n")
+        (tools / "docker").chmod(0o755)
+    done = subprocess.run(
+        [tmp_path / f"deploy/docker/{name}.sh", *words],
+        env={"PATH": str(tools), "HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("docker", "words"),
+    [
+        (None, "Docker is not installed: apt install docker.io"),
+        ("echo permission denied >&2; exit 1", "does not answer: permission denied"),
+        ('[ "$1" = info ]', "docker-compose docker-buildx debian:trixie-slim can't be made"),
+        ('[ "$1" != buildx ]', "base-image: docker-buildx can't be made without mmdebstrap"),
+    ],
+)
+def test_what_building_images_lacks_is_named(
+    docker: str | None, words: str, tmp_path: Path
+) -> None:
+    """A machine without Docker was told to install mmdebstrap, by a command that does it only where
+    Docker answers."""
+    code, said = image_script("images", tmp_path, docker)
+    assert (code, words in said) == (3, True), said
+
+
 @pytest.mark.parametrize("layer", ["", *LAYERS])
 def test_the_robots_files_are_those_of_the_checkout(layer: str, tmp_path: Path) -> None:
     """An image's own would be the files of the time when it was built."""

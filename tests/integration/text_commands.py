@@ -78,6 +78,7 @@ CERTIFICATES: tuple[str, ...] = ("authority.crt", "router.crt", "router.key")
 CERTIFICATES += tuple(f"{r}.{k}" for r in ("monitor", "operator") for k in ("crt", "key"))
 COMPOSE = "tests/system/test_compose.py and test_compose_up.py"
 PACKAGES = "tests/system/test_packages.py, in a bare container"
+CHANGES = "it would change this machine"
 NETWORK_CARD = "changes or shows the network of the host, which has no sensor's card"
 
 COMMANDS: dict[str, Kind] = {
@@ -183,6 +184,8 @@ COMMANDS: dict[str, Kind] = {
     "make test-full": Form("a person, before a larger change lands"),
     "deploy/build/release.sh build/release out/packages": Form("tests/integration/test_release.py"),
     # Containers.
+    "apt install docker.io docker-cli docker-compose docker-buildx": Excluded(CHANGES),
+    "apt install docker.io mmdebstrap": Excluded(CHANGES),
     "deploy/docker/images.sh": Form("tests/system/conftest.py"),
     "docker compose up": Form(COMPOSE),
     "docker compose up -d": Form(COMPOSE),
