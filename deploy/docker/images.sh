@@ -7,6 +7,10 @@
 # The exit code is 3 if there is neither a base image nor a way to make one.
 # Settings: the build variables of .env (ZLOAM_BASE, ZLOAM_BUILD_NETWORK, ZLOAM_CA_BUNDLE, ZLOAM_JOBS).
 set -euo pipefail
+case "$#:${1:-}" in
+  0: | 1:--prebuilt) ;;
+  *) sed -n '2,8s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
+esac
 cd "$(dirname "$0")/../.."
 # shellcheck source=deploy/docker/base.sh
 source deploy/docker/base.sh

@@ -168,6 +168,11 @@ def test_what_building_images_lacks_is_named(
     assert (code, words in said) == (3, True), said
 
 
+def test_images_sh_refuses_words_that_it_does_not_know(tmp_path: Path) -> None:
+    code, said = image_script("images", tmp_path, "echo built", "--prebuild")
+    assert (code, "--prebuilt" in said, "built\n" in said) == (2, True, False), said
+
+
 @pytest.mark.parametrize("layer", ["", *LAYERS])
 def test_the_robots_files_are_those_of_the_checkout(layer: str, tmp_path: Path) -> None:
     """An image's own would be the files of the time when it was built."""
