@@ -2,6 +2,7 @@
 # Builds the three images for arm64 (tag :arm64) on this machine with the distribution's cross compilers. Before
 # that, the decoder's tests and every program's --help run on an emulated processor, with the contents of the
 # image. `docker save zenoh-loam:arm64 | ssh robot docker load` copies an image to a robot.
+# Settings: the build variables of .env (ZLOAM_BASE, ZLOAM_BUILD_NETWORK, ZLOAM_CA_BUNDLE, ZLOAM_JOBS).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 # shellcheck source=deploy/docker/base.sh

@@ -173,6 +173,13 @@ def test_images_sh_refuses_words_that_it_does_not_know(tmp_path: Path) -> None:
     assert (code, "--prebuilt" in said, "built\n" in said) == (2, True, False), said
 
 
+def test_images_for_arm64_take_the_build_settings_of_env(tmp_path: Path) -> None:
+    (tmp_path / ".env").write_text('ZLOAM_BASE="debian:bookworm-slim"\nZLOAM_BUILD_NETWORK=host\n')
+    code, said = image_script("arm64", tmp_path, 'echo "$@"')
+    assert code == 0, said
+    assert "--network host --build-arg BASE=debian:bookworm-slim --build-arg JOBS=2" in said
+
+
 @pytest.mark.parametrize("layer", ["", *LAYERS])
 def test_the_robots_files_are_those_of_the_checkout(layer: str, tmp_path: Path) -> None:
     """An image's own would be the files of the time when it was built."""
