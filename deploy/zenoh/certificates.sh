@@ -33,11 +33,13 @@ authority() {
 
 names() { openssl x509 -in "$1" -noout -ext subjectAltName | sed '1d; s/IP Address:/IP:/g; s/ //g'; }
 
-# kept NAME SUBJECT_ALT_NAMES: one that exists is good for these names, and still valid
+# kept NAME SUBJECT_ALT_NAMES: one that exists is of this authority, good for these names, and still valid
 kept() {
   openssl x509 -in "$1.crt" -noout -checkend 0 > "$1.log" ||
     fail "$folder/$1.crt has expired: remove it and $1.key, and run this again"
   rm "$1.log"
+  openssl verify -no_check_time -CAfile authority.crt "$1.crt" > /dev/null 2>&1 ||
+    fail "$folder/$1.crt is not of $folder/authority.crt: remove it and $1.key, and run this again"
   local name asks
   for name in ${2//,/ }; do
     asks=-checkhost
@@ -47,6 +49,8 @@ kept() {
       fail "$folder/$1.crt exists and is not valid for ${name#*:} (it is for $(names "$1.crt")): remove it and $1.key, and run this again"
     fi
   done
+  # It may have been moved to where it is used.
+  [ -f "$1.key" ] || echo "certificates: $folder has no $1.key: to make a new pair, remove $1.crt, and run this again"
   echo "certificates: $folder/$1.crt is kept: $(openssl x509 -in "$1.crt" -noout -enddate)"
 }
 

@@ -41,6 +41,26 @@ def test_a_host_that_the_router_s_is_not_for_is_named(tmp_path: Path, host: str)
     assert f"router.crt exists and is not valid for {host}" in said
 
 
+def test_a_certificate_of_another_authority_is_named(tmp_path: Path) -> None:
+    """A new authority, as the script advises where half of the old one has gone."""
+    assert certificates(tmp_path)[0] == 0
+    (tmp_path / "authority.key").unlink()
+    assert "remove it to make a new authority" in certificates(tmp_path)[1]
+    (tmp_path / "authority.crt").unlink()
+    code, said = certificates(tmp_path)
+    assert code == 1
+    assert "router.crt is not of" in said
+
+
+def test_a_certificate_without_its_key_is_named(tmp_path: Path) -> None:
+    assert certificates(tmp_path)[0] == 0
+    (tmp_path / "operator.key").unlink()
+    code, said = certificates(tmp_path)
+    assert code == 0
+    assert "has no operator.key" in said
+    assert said.count("has no") == 1
+
+
 def test_a_role_s_certificate_can_be_read_and_its_key_can_not(tmp_path: Path) -> None:
     assert certificates(tmp_path, "--role", "camera")[0] == 0
     modes = [stat.S_IMODE((tmp_path / f"camera.{kind}").stat().st_mode) for kind in ("crt", "key")]
