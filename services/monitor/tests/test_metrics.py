@@ -25,7 +25,20 @@ ROOT = Path(__file__).resolve().parents[3]
 OBSERVABILITY = ROOT / "deploy/observability"
 #: Words of PromQL, and names of labels.
 WORDS = {
-    *("max", "sum", "count", "rate", "by", "on", "unless", "or", "and", "count_over_time"),
+    *(
+        "max",
+        "sum",
+        "count",
+        "rate",
+        "by",
+        "on",
+        "unless",
+        "or",
+        "and",
+        "count_over_time",
+        "absent",
+        "up",
+    ),
     *(
         "min_over_time",
         "resets",
@@ -33,6 +46,7 @@ WORDS = {
         "robot",
         "stage",
         "instance",
+        "job",
         "state",
         "reason",
         "name",
