@@ -148,6 +148,7 @@ bench-peers: build-all test-venv ## ours and the peers of PyPI on the same scans
 	@$(PY) -m tests.bench $(BENCH_ARGS) --only 'versus-*'
 
 packages: graph ## wheel and Debian packages with the programs inside: out/packages
+	@$(STEP) "system packages, for packages" deploy/build/deps.sh --packages
 	@$(STEP) "packages" deploy/build/packages.sh $(BUILD) out/packages
 
 reference: graph ## deploy/robots: REFERENCE.md and schema.json from what the programs say

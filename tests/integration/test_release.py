@@ -130,3 +130,18 @@ def test_nothing_of_an_earlier_release_is_left_among_the_packages(checkout: Path
     )
     assert "wheel.py" in done.stderr
     assert [path.name for path in out.iterdir()] == ["notes.txt"]
+
+
+def test_make_packages_installs_what_it_needs() -> None:
+    """Nothing else that is installed brings dpkg-shlibdeps."""
+    done = subprocess.run(
+        ["make", "-n", "packages"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    steps = [line for line in done.stdout.splitlines() if "deploy/build/" in line]
+    assert steps[-2].endswith("deploy/build/deps.sh --packages")
+    assert "deploy/build/packages.sh" in steps[-1]
+    chosen = re.search(
+        r"--packages\) packages\+=\((.*)\)", (ROOT / "deploy/build/deps.sh").read_text()
+    )
+    assert chosen is not None
+    assert {"binutils", "dpkg-dev"} <= set(chosen[1].split())
