@@ -17,6 +17,7 @@ VERSIONED = (
     "CHANGELOG.md",
     "deploy/docker/Dockerfile",
     "deploy/build/release.sh",
+    "services/router/Cargo.toml",
 )
 
 
@@ -42,6 +43,9 @@ def checkout(tmp_path: Path) -> Path:
         place.write_bytes((ROOT / name).read_bytes())
         place.chmod((ROOT / name).stat().st_mode)
     change(tmp_path / "CHANGELOG.md", r"^(## \[\S+\] - ).*$", r"\g<1>2026-01-02")
+    for folder in ("schemas", "schemas/.released"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "sweep.fbs").write_text("table Sweep {}\n")
     git(tmp_path, "init", "--quiet")
     git(tmp_path, "add", ".")
     git(tmp_path, "commit", "--quiet", "--message", "Begin")
@@ -66,6 +70,14 @@ def other_image(checkout: Path) -> None:
     change(checkout / "deploy/docker/Dockerfile", r"^ARG VERSION=.*$", "ARG VERSION=9.9.9")
 
 
+def other_router(checkout: Path) -> None:
+    change(checkout / "services/router/Cargo.toml", r"^version = .*$", 'version = "9.9.9"')
+
+
+def other_schema(checkout: Path) -> None:
+    (checkout / "schemas/sweep.fbs").write_text("table Sweep { a: int (id: 0); }\n")
+
+
 def no_heading(checkout: Path) -> None:
     change(checkout / "CHANGELOG.md", r"^## \[\S+\]", "## [9.9.9]")
 
@@ -85,6 +97,8 @@ def tagged(checkout: Path) -> None:
     [
         (uncommitted, "uncommitted changes"),
         (other_image, "Dockerfile has ARG VERSION=9.9.9"),
+        (other_router, "services/router/Cargo.toml has version 9.9.9"),
+        (other_schema, "schemas/.released has not this sweep.fbs"),
         (no_heading, "CHANGELOG.md has no heading"),
         (no_date, "has no date"),
         (tagged, "is there already"),
