@@ -110,6 +110,15 @@ def test_in_a_live_run_none_does(layer: str) -> None:
         assert live[name]["profiles"] == ["replay"]
 
 
+@pytest.mark.parametrize("layer", ["preview", "ros", "views", "observability"])
+def test_beside_a_live_robot_a_layer_s_services_can_last_as_long(layer: str) -> None:
+    """After a restart of the machine Docker starts none with on-failure, which a replay needs."""
+    found = services(f"deploy/compose/{layer}.yml")
+    for name in lasting(found):
+        assert found[name]["restart"] == "${ZLOAM_RESTART:-on-failure}", name
+    assert lasting(found)
+
+
 def test_systemd_leaves_the_stages_to_zloam_run() -> None:
     """By default it would send SIGTERM to the stages, too: then zloam run's own SIGTERM is their
     second, at which a stage ends at once and loses what it has not written."""
