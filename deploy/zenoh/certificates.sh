@@ -78,6 +78,8 @@ for host in "$@"; do
   if [[ $host =~ ^[0-9.]+$|: ]]; then names+=,IP:$host; else names+=,DNS:$host; fi
 done
 certificate router "router.$robot" serverAuth,clientAuth "$days" "$names"
+[ "$robot" = robot ] ||
+  echo "certificates: deploy/zenoh/secured.json5 has the rules of the robot \"robot\": replace loam/robot/ and .robot there by $robot's"
 for role in monitor operator sensor; do
   certificate "$role" "$role.$robot" clientAuth "$days" "DNS:$role.$robot"
 done

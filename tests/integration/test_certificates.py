@@ -13,9 +13,9 @@ SCRIPT = Path(__file__).resolve().parents[2] / "deploy/zenoh/certificates.sh"
 pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")
 
 
-def certificates(folder: Path, *words: str) -> tuple[int, str]:
+def certificates(folder: Path, *words: str, robot: str = "robot") -> tuple[int, str]:
     done = subprocess.run(
-        [SCRIPT, folder, "robot", *words], capture_output=True, text=True, check=False
+        [SCRIPT, folder, robot, *words], capture_output=True, text=True, check=False
     )
     return done.returncode, done.stdout + done.stderr
 
@@ -59,6 +59,12 @@ def test_a_certificate_without_its_key_is_named(tmp_path: Path) -> None:
     assert code == 0
     assert "has no operator.key" in said
     assert said.count("has no") == 1
+
+
+def test_another_robot_s_rules_are_called_to_mind(tmp_path: Path) -> None:
+    """The router's are for "robot": it would refuse the members of another one without a word."""
+    assert "secured.json5" in certificates(tmp_path / "rover", robot="rover")[1]
+    assert "secured.json5" not in certificates(tmp_path / "robot")[1]
 
 
 def test_a_role_s_certificate_can_be_read_and_its_key_can_not(tmp_path: Path) -> None:
