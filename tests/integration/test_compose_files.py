@@ -232,6 +232,13 @@ def test_the_folder_of_results_is_no_volume(folder: str) -> None:
             assert (mounted["type"], mounted["source"]) == ("bind", str(path)), stage
 
 
+def test_the_second_robot_s_results_get_the_owner_of_the_first_s() -> None:
+    """Whoever runs as root makes the folder as root, where no stage could write."""
+    found = mounts(services("two-robots")["prepare"])
+    assert found["/data/robot2"]["source"] == str(ROOT / "out/robot2")
+    assert found["/data"]["source"] == "tiles"
+
+
 def test_two_robots_have_two_names_whatever_is_set() -> None:
     found = stages(services("two-robots", ZLOAM_SET="robot=alpha mapping.mode=map"))
     assert {n for n in found if n.endswith("2")} > {"driver2", "mapping2"}
