@@ -213,6 +213,7 @@ COMMANDS: dict[str, Kind] = {
     "docker kill": Form("tests/system/test_replicas.py, by kill -9"),
     "docker tag zenoh-loam:arm64 zenoh-loam": Form("nobody: a name more for an image"),
     "docker tag zenoh-loam zenoh-loam:before": Form("nobody: a name more for an image"),
+    "docker tag zenoh-loam:before zenoh-loam": Form("nobody: a name more for an image"),
     "docker save zenoh-loam:arm64 zenoh-loam-router:arm64 | ssh robot docker load": Excluded(
         "needs a robot"
     ),
