@@ -191,6 +191,7 @@ COMMANDS: dict[str, Kind] = {
     "docker compose up -d": Form(COMPOSE),
     "docker compose up -d driver": Form(COMPOSE),
     "docker compose down": Form(COMPOSE),
+    "docker volume rm zenoh-loam_shm": Form("nobody: Docker's own command"),
     "docker compose restart": Form("Compose: the processes begin again"),
     "docker compose stop": Form("tests/system/live.py"),
     "docker compose up --scale registration=3": Form("tests/system/test_replicas.py"),
