@@ -234,9 +234,10 @@ def test_the_folder_of_results_is_no_volume(folder: str) -> None:
 
 def test_the_second_robot_s_results_get_the_owner_of_the_first_s() -> None:
     """Whoever runs as root makes the folder as root, where no stage could write."""
-    found = mounts(services("two-robots")["prepare"])
-    assert found["/data/robot2"]["source"] == str(ROOT / "out/robot2")
-    assert found["/data"]["source"] == "tiles"
+    prepare = services("two-robots")["prepare"]
+    assert mounts(prepare)["/out2"]["source"] == str(ROOT / "out/robot2")
+    assert mounts(prepare)["/out"]["source"] == str(ROOT / "out")
+    assert 'chown "$$OWNER" /out* ' in prepare["command"][0]
 
 
 def test_two_robots_have_two_names_whatever_is_set() -> None:
