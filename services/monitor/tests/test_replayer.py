@@ -72,9 +72,10 @@ def sweep(number: int) -> bytes:
     return compose.sweep(compose.HeaderValues(1, number, number), points)
 
 
-def tile(version: int, index: int) -> bytes:
+def tile(version: int, index: int, map_id: int = 0) -> bytes:
     points = np.zeros(version, messages.MAP_POINT)
-    return compose.tile(compose.HeaderValues(1, 0, 0), "plane", (index, 0, 0), points)
+    head = compose.HeaderValues(1, 0, 0, map_id=map_id)
+    return compose.tile(head, "plane", (index, 0, 0), points)
 
 
 @pytest.fixture
@@ -119,6 +120,20 @@ def test_a_part_begins_with_the_newest_tiles_before_it(log: RobotLog) -> None:
     assert from_(log, 3.5, 5.0) == WANTED
     assert from_(log, 6.5, 7.5) == [*WANTED[:2], ("sweep", 7), ("tile", 10)]
     assert log.remarks == []
+
+
+def test_a_part_after_a_reset_begins_without_the_map_before(tmp_path: Path) -> None:
+    """A view ends a map at the first tile of another one: a tile of the old map that came last
+    would leave the old one on the screen."""
+    needs_schemas()
+    file = McapFile(tmp_path / "run.mcap", {**ABOUT, "part": "1"})
+    for at_s, points, index, map_id in ((0.0, 1, 0, 7), (1.0, 2, 1, 7), (2.0, 3, 0, 8)):
+        put(file, TILE, at_s, tile(points, index, map_id))
+    put(file, TILE, 4.0, tile(4, 2, 8))
+    file.close()
+    log = RobotLog(tmp_path / "run.mcap")
+    assert from_(log, 1.5, 1.9) == [("tile", 1), ("tile", 2)]
+    assert from_(log, 3.0, 5.0) == [("tile", 3), ("tile", 4)]
 
 
 def test_what_lies_outside_is_not_read(log: RobotLog, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -126,19 +126,23 @@ def _from(
 ) -> Iterator[Logged]:
     """The newest standing messages before begin_ns, then all messages until end_ns."""
     standing: dict[str, Logged] = {}
+    tiles: dict[tuple[str, tuple[int, int, int]], Logged] = {}
+    map_id: int | None = None
     for logged in log.found(STANDING, end_ns=begin_ns):
         if not goes_on():
             return
-        standing[_identity(logged)] = logged
+        if logged.schema != STANDING[2]:
+            standing[logged.topic] = logged
+            continue
+        tile = records.tile(logged.payload)
+        # As in every view, the first tile of another map ends the one before.
+        if tile.map_id != map_id:
+            map_id = tile.map_id
+            tiles.clear()
+        tiles[(tile.layer, tile.index)] = logged
     yield from standing.values()
+    yield from tiles.values()
     yield from log.found(begin_ns=begin_ns, end_ns=end_ns + 1)
-
-
-def _identity(logged: Logged) -> str:
-    if logged.schema != STANDING[2]:
-        return logged.topic
-    tile = records.tile(logged.payload)
-    return f"{tile.layer}/{tile.index}"
 
 
 def replay(options: Options) -> int:
