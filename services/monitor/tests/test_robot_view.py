@@ -109,6 +109,19 @@ def test_what_no_longer_moves_is_seen_to_be_old(
     assert state["rate"] == 0.0
 
 
+def test_without_poses_there_is_no_latency(
+    session: Hanging, view: RobotView, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The chart ends where the poses do, and does not go on with the last one's."""
+    head = HeaderValues(1, 1, 1, trace=(("driver", 1, 2, 3_000_001),))
+    pose = compose.pose("MapPose", head, 10**8, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    session.publish(session.keys.pose, pose)
+    until(lambda: any(each["stages"] == {"driver": 3.0} for each in view.state()["history"]))
+    real = time.monotonic
+    monkeypatch.setattr(time, "monotonic", lambda: real() + 30.0)
+    until(lambda: view.state()["history"][-1]["stages"] == {})
+
+
 def test_the_view_ends_while_nobody_answers(
     session: Hanging, view: RobotView, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,6 +29,8 @@ LISTEN_SECONDS = 10.0
 THIN_SECONDS = 1.0
 #: close() waits at most this long for each of the view's threads: a stage may hang.
 CLOSE_SECONDS = 5.0
+#: Age at which a pose says nothing of now, as the page has it.
+OLD_SECONDS = 2.0
 #: Time covered by the history of latency and rate.
 HISTORY_SECONDS = 120
 #: Limits on the points of the path and on the cells of the map; both are thinned to them.
@@ -194,7 +196,9 @@ class RobotView:
             self._looked = look
             if now - self._noted_s >= 1.0:
                 self._noted_s = now
-                noted = {"stages": _latency(look.pose), "rate": link.posed.per_s(now)}
+                # The latency of an old pose would go on as if it were that of now.
+                timed = look.pose if now - look.posed_s <= OLD_SECONDS else None
+                noted = {"stages": _latency(timed), "rate": link.posed.per_s(now)}
                 self._history.append(noted)
         return not self._ends.is_set()
 
