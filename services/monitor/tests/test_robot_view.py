@@ -5,8 +5,10 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 import zenoh
 
@@ -14,6 +16,7 @@ from fake_session import FakeSession, needs_schemas
 from zloam_monitor import compose
 from zloam_monitor.compose import HeaderValues
 from zloam_monitor.link import Link
+from zloam_monitor.records import PoseRecord
 from zloam_monitor.web import robot_view
 from zloam_monitor.web.robot_view import RobotView
 
@@ -120,6 +123,18 @@ def test_without_poses_there_is_no_latency(
     real = time.monotonic
     monkeypatch.setattr(time, "monotonic", lambda: real() + 30.0)
     until(lambda: view.state()["history"][-1]["stages"] == {})
+
+
+@pytest.mark.parametrize(("cells", "sigma_m"), [(36, 0.2), (9, None), (0, None)])
+def test_the_sigma_is_that_of_the_worst_direction(cells: int, sigma_m: float | None) -> None:
+    """0.2 m along a corridor at 45 degrees to the robot; along its axes it is 0.14 m. A covariance
+    of another size is a stranger's."""
+    covariance = np.zeros((6, 6))
+    covariance[:2, :2] = 0.02
+    upright = np.array([0.0, 0.0, 0.0, 1.0])
+    pose = PoseRecord(1, 1, 0, np.zeros(3), upright, 0, 0, False, ())
+    found = replace(pose, covariance=tuple(covariance.ravel()[:cells]))
+    assert robot_view._pose(found)["sigma_m"] == sigma_m
 
 
 def test_the_view_ends_while_nobody_answers(

@@ -42,7 +42,8 @@ class PoseHealth:
         }
 
 
-def _position_sigma_m(pose: PoseRecord) -> float | None:
+def position_sigma_m(pose: PoseRecord) -> float | None:
+    """Sigma along the least sure direction, which is rarely an axis; None: it is not known."""
     if len(pose.covariance) != 36:
         return None
     position = np.asarray(pose.covariance).reshape(6, 6)[:3, :3]
@@ -69,7 +70,7 @@ def judge(poses: Iterable[PoseRecord]) -> PoseHealth:
         counts[pose_health(pose.health)] += 1
         axes.update(_weak_axis(pose))
         jumps += pose.jump
-        if (sigma_m := _position_sigma_m(pose)) is not None:
+        if (sigma_m := position_sigma_m(pose)) is not None:
             own = (sigma_m, -pose.sweep)
             least = own if least is None else max(least, own)
     return PoseHealth(

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from zloam_monitor import doctor, se3, thin
 from zloam_monitor.heard import Finding
 from zloam_monitor.link import Link
+from zloam_monitor.pose_health import position_sigma_m
 from zloam_monitor.records import PoseRecord, StatusRecord, pose_health
 from zloam_monitor.stages import ROWS, STAGES
 from zloam_monitor.watch import STALE_SECONDS
@@ -244,14 +245,14 @@ def _latency(pose: PoseRecord | None) -> dict[str, float]:
 
 def _pose(pose: PoseRecord) -> dict[str, Any]:
     rotation = se3.matrices(pose.translation[None], pose.quaternion[None])[0]
-    sigma = np.sqrt(max(pose.covariance[i * 7] for i in range(3))) if pose.covariance else None
+    sigma_m = position_sigma_m(pose)
     return {
         "sweep": pose.sweep,
         "xyz": [round(float(v), 3) for v in pose.translation],
         "yaw_deg": round(float(np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))), 1),
         "health": pose_health(pose.health),
         "degenerate": pose.degenerate,
-        "sigma_m": None if sigma is None else round(float(sigma), 4),
+        "sigma_m": None if sigma_m is None else round(sigma_m, 4),
     }
 
 
