@@ -25,10 +25,13 @@ class Robot:
         self._lock = threading.Lock()
         self.answers = threading.Event()
         self.answers.set()
+        self.says = threading.Event()
+        self.says.set()
         #: Requests for the map that wait, and the most that did at once.
         self.open = self.most_open = 0
 
     def state(self) -> dict[str, Any]:
+        self.says.wait(PATIENCE_S)
         return {"pose": None, "kb_s": None, "map_version": 1}
 
     def map_view(self) -> dict[str, Any]:
@@ -67,6 +70,7 @@ def url(robots: Robots) -> Iterator[str]:
     yield f"http://127.0.0.1:{server.server_port}/"
     for robot in robots.all.values():
         robot.answers.set()
+        robot.says.set()
     server.shutdown()
     server.server_close()
     thread.join()
@@ -104,3 +108,15 @@ def test_a_slow_map_is_asked_for_once_and_holds_nothing_back(
         assert slow.most_open == 1
         slow.answers.set()
         browser.wait_for("map.cells.length === 3")
+
+
+def test_a_link_that_was_cut_is_told(robots: Robots, url: str, tmp_path: Path) -> None:
+    """Nothing comes, and nothing is refused: the page neither waits on nor says `connected`."""
+    cut = robots.all["a"]
+    with Browser(url, tmp_path / "profile", 800, 600) as browser:
+        browser.wait_for("state !== null && byId('connection').className === ''")
+        cut.says.clear()
+        browser.value("stateMs = 500")
+        browser.wait_for("byId('connection').className === 'lost'")
+        cut.says.set()
+        browser.wait_for("byId('connection').className === ''")

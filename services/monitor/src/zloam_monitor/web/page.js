@@ -7,6 +7,10 @@ const OLD_S = 2;
 // A cell whose points are within this height range is ground, and drawn lighter.
 const GROUND_DM = 5;
 const BAD = ["failed", "silent", "lost", "invalid"];
+// A browser waits minutes for an answer over a link that was cut, and what is shown would seem to be of now.
+let stateMs = 10000;
+// The map may take long over a slow link.
+const MAP_MS = 120000;
 const byId = (id) => document.getElementById(id);
 
 let robots = [];
@@ -26,12 +30,21 @@ function noMap() {
 
 const kindOf = (health) => (GOOD.includes(health) ? "good" : BAD.includes(health) ? "bad" : "warn");
 
-async function asked(path, signal) {
-  const answer = await fetch(path, { cache: "no-store", signal });
-  if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
-  const said = await answer.json();
-  signal.throwIfAborted();
-  return said;
+async function asked(path, signal, patienceMs) {
+  const late = new AbortController();
+  const end = () => late.abort();
+  const ends = setTimeout(end, patienceMs);
+  signal.addEventListener("abort", end);
+  try {
+    const answer = await fetch(path, { cache: "no-store", signal: late.signal });
+    if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
+    const said = await answer.json();
+    signal.throwIfAborted();
+    return said;
+  } finally {
+    clearTimeout(ends);
+    signal.removeEventListener("abort", end);
+  }
 }
 
 function element(name, text, className) {
@@ -73,7 +86,7 @@ async function lookAgain(signal) {
 
 async function look(signal) {
   try {
-    const found = await asked("robots.json", signal);
+    const found = await asked("robots.json", signal, stateMs);
     if (String(found.robots) !== String(robots)) {
       robots = found.robots;
       if (!robots.includes(chosen)) return choose(robots[0] ?? null);
@@ -81,7 +94,7 @@ async function look(signal) {
     }
     if (chosen !== null) {
       const path = `robots/${encodeURIComponent(chosen)}`;
-      state = await asked(`${path}/state.json`, signal);
+      state = await asked(`${path}/state.json`, signal, stateMs);
       if (state.map_version !== map.version && mapAsked !== signal) askForMap(`${path}/map.json`, signal);
     }
     const taken = state && state.kb_s !== null ? `; this view takes ${state.kb_s.toFixed(1)} kB/s` : "";
@@ -99,7 +112,7 @@ async function look(signal) {
 async function askForMap(path, signal) {
   mapAsked = signal;
   try {
-    map = unpacked(await asked(path, signal));
+    map = unpacked(await asked(path, signal, MAP_MS));
     show();
   } catch (error) {
     // The next look says that the connection is lost, or asks for the map again.
