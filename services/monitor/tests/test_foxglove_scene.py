@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from zloam_monitor import messages, rerun_scene
+from fake_session import needs_schemas
+from zloam_monitor import compose, foxglove_scene, messages, rerun_scene
 from zloam_monitor.clouds import Tile
-from zloam_monitor.foxglove_scene import Scene
+from zloam_monitor.foxglove_scene import Scene, Shown
+from zloam_monitor.intake import Sample
 from zloam_monitor.keys import Keys
-from zloam_monitor.records import HEALTH, PoseRecord
+from zloam_monitor.records import HEALTH, SERVICE_HEALTH, PoseRecord
 
 
 def pose(run: int) -> PoseRecord:
@@ -48,6 +50,38 @@ def test_tiles_stay_while_the_map_is_the_same() -> None:
     assert drawn_by_foxglove(scene) == 10
     scene.keep(tile(0, map_id=8))
     assert drawn_by_foxglove(scene) == 5
+
+
+def logged(shown: list[Shown]) -> list[str]:
+    message = importlib.import_module("foxglove_schemas_flatbuffer.Log").Log
+    return [message.GetRootAs(each.data).Message().decode() for each in shown]
+
+
+def test_what_an_ended_instance_said_is_not_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mapping that failed and was started again has another name; the old one's words, with the
+    time of now, would be an error that never ends."""
+    pytest.importorskip("foxglove_schemas_flatbuffer")
+    needs_schemas()
+    now_s = 100.0
+    monkeypatch.setattr(foxglove_scene, "time", SimpleNamespace(monotonic=lambda: now_s))
+    scene = Scene(Keys("r"), 0.0, np.eye(4))
+
+    def says(instance: str, health: str, reason: str = "") -> None:
+        number = SERVICE_HEALTH.index(health)
+        status = compose.status(
+            "mapping", 1, 1, 0, [], {}, health=number, reason=reason, instance=instance
+        )
+        scene.take(Sample(f"loam/r/service/mapping/{instance}/status", status, 1))
+
+    says("mapping-1", "failed", "no memory")
+    says("mapping-3", "stopping")
+    now_s += 4.0
+    says("mapping-2", "ready")
+    assert logged(scene.whole(1)) == ["failed: no memory", "stopping", "ready"]
+    now_s += 4.0
+    says("mapping-2", "ready")
+    assert logged(scene.whole(1)) == ["silent: nothing more is heard of mapping-1", "ready"]
+    assert logged(scene.whole(1)) == ["ready"]
 
 
 def test_rerun_clears_the_tiles_of_another_map() -> None:

@@ -22,6 +22,7 @@ from zloam_monitor.intake import Sample
 from zloam_monitor.keys import Keys
 from zloam_monitor.map_frame import MapFrame, Matrix
 from zloam_monitor.records import PoseRecord
+from zloam_monitor.watch import STALE_SECONDS
 
 #: Topic -> schema.
 TOPICS = {
@@ -38,7 +39,11 @@ TOPICS = {
 MOST_MAP_POINTS = 400_000
 #: Poses of the path in one message, evenly spaced.
 MOST_PATH_POSES = 1000
-_LEVELS = {"failed": foxglove.ERROR, "degraded": foxglove.WARNING}
+_LEVELS = {
+    "failed": foxglove.ERROR,
+    "silent": foxglove.ERROR,
+    "degraded": foxglove.WARNING,
+}
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,8 @@ class Scene:
         self._map_id: int | None = None
         self._map_grew = False
         self._said: dict[tuple[str, str], tuple[str, str]] = {}
+        #: (stage, instance) -> monotonic time at which its newest status was taken.
+        self._heard_s: dict[tuple[str, str], float] = {}
         self._weak = False
         self._shown_s = {"/map": 0.0, "/path": 0.0}
 
@@ -204,13 +211,24 @@ class Scene:
         return [self.map(stamp_ns)] if self._map_grew else []
 
     def whole(self, stamp_ns: int) -> list[Shown]:
-        """For viewers that connect later: the map, and the last statement of each stage."""
+        """For viewers that connect later: the map, and the last statement of each stage; of one
+        that is no longer heard once that it is silent, as what it said is not of now."""
+        gone = list(self._gone(stamp_ns))
         said = [self._log(stage, stamp_ns, *says) for (stage, _), says in self._said.items()]
-        return [*said, self.map(stamp_ns)] if self._tiles else said
+        return [*gone, *said, *([self.map(stamp_ns)] if self._tiles else [])]
+
+    def _gone(self, stamp_ns: int) -> Iterator[Shown]:
+        now = time.monotonic()
+        for who in [w for w, heard_s in self._heard_s.items() if now - heard_s > STALE_SECONDS]:
+            del self._heard_s[who]
+            health, _ = self._said.pop(who)
+            if health != "stopping":
+                yield self._log(who[0], stamp_ns, "silent", f"nothing more is heard of {who[1]}")
 
     def _status(self, status: records.StatusRecord) -> Iterator[Shown]:
         """A log message if a stage's health or reason changed."""
         who, says = (status.stage, status.instance), (status.health, status.reason)
+        self._heard_s[who] = time.monotonic()
         if self._said.get(who) == says:
             return
         self._said[who] = says
