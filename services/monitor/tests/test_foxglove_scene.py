@@ -84,9 +84,9 @@ def test_what_an_ended_instance_said_is_not_repeated(monkeypatch: pytest.MonkeyP
     assert logged(scene.whole(1)) == ["ready"]
 
 
-def test_rerun_clears_the_tiles_of_another_map() -> None:
+def rerun_scene_in(shown: dict[str, Any]) -> rerun_scene.Scene:
+    """A scene whose entities that are not cleared are kept in `shown`."""
     rr = pytest.importorskip("rerun")
-    shown: dict[str, Any] = {}
 
     def log(entity: str, what: Any, **_: Any) -> None:
         if isinstance(what, rr.Clear):
@@ -96,7 +96,12 @@ def test_rerun_clears_the_tiles_of_another_map() -> None:
             shown[entity] = what
 
     recording = SimpleNamespace(log=log, set_time=lambda *_, **__: None)
-    scene = rerun_scene.Scene(Keys("r"), recording, np.eye(4))
+    return rerun_scene.Scene(Keys("r"), recording, np.eye(4))
+
+
+def test_rerun_clears_the_tiles_of_another_map() -> None:
+    shown: dict[str, Any] = {}
+    scene = rerun_scene_in(shown)
     for number in (0, 1):
         scene.keep(tile(number, map_id=7))
     scene._pose(pose(run=7))
@@ -107,3 +112,16 @@ def test_rerun_clears_the_tiles_of_another_map() -> None:
     }
     scene.keep(tile(0, map_id=8))
     assert {each for each in shown if "tiles" in each} == {"map/tiles/plane/0_0_0"}
+
+
+def test_rerun_clears_the_paths_of_another_run() -> None:
+    """The run before drove elsewhere: its line would seem to be of this one."""
+    shown: dict[str, Any] = {}
+    scene = rerun_scene_in(shown)
+    for _ in range(rerun_scene.PIECE + 1):
+        scene._pose(pose(run=7))
+        scene._odometry_pose(pose(run=7))
+    drawn = {each for each in shown if "path" in each}
+    assert len(drawn) == 4
+    scene._pose(pose(run=8))
+    assert len([each for each in shown if "path" in each]) == 1

@@ -102,9 +102,9 @@ class Scene:
             self._status(records.status(sample.payload))
 
     def _pose(self, pose: PoseRecord) -> None:
+        self._at(pose.instant_ns, pose.sweep)
         if pose.run != self._run:
             self._begin(pose.run)
-        self._at(pose.instant_ns, pose.sweep)
         self._map_to_odom(self._frame.of_pose(pose))
         T_map_base = matrix(pose)
         self._extend("map/path", T_map_base[:3, 3], POSE_COLOUR)
@@ -181,6 +181,8 @@ class Scene:
         self._run = run
         self._frame.clear()
         for entity in self._pieces:
+            # Rerun goes on showing each piece until it is cleared.
+            self._log(entity, self._rr.Clear(recursive=True))
             self._pieces[entity].clear()
             self._numbers[entity] = self._numbers.get(entity, 0) + 1
 
