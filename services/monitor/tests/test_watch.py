@@ -113,6 +113,31 @@ def test_a_status_that_a_router_keeps_is_no_sign_of_life(
     assert "mapping" not in said
 
 
+def test_an_ended_instance_is_not_taken_for_its_successor(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A router keeps the status of the one that ended, whose stamp is greater: the robot's clock
+    was set back before the stage was started again."""
+    needs_schemas()
+    monkeypatch.setattr(watch, "ALL_SECONDS", 0.1)
+    session = FakeSession(alive=STAGES)
+
+    def said(stage: str, instance: str, stamp_ns: int) -> tuple[str, bytes]:
+        made = compose.status(stage, stamp_ns, 1, 0, [], {}, instance=instance)
+        return session.keys.below(f"service/{stage}/{instance}/status"), made
+
+    of_all = [said(stage, f"{stage}-1", 10) for stage in STAGES]
+    for key, status in [*of_all, said("mapping", "mapping-0", 20)]:
+        session.rounds[key] = [[status]]
+    hearing = Link(session, session.keys)
+    hearing.poses.add(a_pose())
+    assert watch.look(hearing) == 1
+    assert "mapping: mapping-0 is not alive" in capsys.readouterr().err
+    # The successor publishes each second.
+    session.publish(*said("mapping", "mapping-1", 11))
+    assert watch.look(hearing) == 0
+
+
 def test_a_status_asked_for_again_is_not_heard_anew() -> None:
     """A status with a newer stamp is."""
     link = Link(SimpleNamespace(), Keys("robot"), newest=0)

@@ -112,13 +112,14 @@ def _show(link: Link, now: float, as_json: bool) -> None:
 
 
 def _dead(link: Link) -> list[StatusRecord]:
-    """Newest statuses of stages of which no instance has a liveliness token: a router that stores
-    statuses still answers with them. One that says `stopping` shows by itself that it ends."""
-    living = {stage for stage, _ in link.living_instances()}
+    """Newest statuses of instances without a liveliness token: a router that stores statuses still
+    answers with them, and that of an ended instance may have a greater stamp than its successor's,
+    if the robot's clock was set back. One that says `stopping` shows by itself that it ends."""
+    living = link.living_instances()
     return [
         status
         for stage, status in link.newest_statuses().items()
-        if stage not in living and status.health != "stopping"
+        if (stage, status.instance) not in living and status.health != "stopping"
     ]
 
 
