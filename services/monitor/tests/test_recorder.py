@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import random
 import re
 import resource
@@ -14,7 +15,7 @@ import zenoh
 from mcap.reader import make_reader
 
 from fake_session import FakeSession, linked, needs_schemas, one_misses_a_query
-from zloam_monitor import compose, doctor_files, link, messages, recorder
+from zloam_monitor import compose, doctor_files, intake, link, messages, recorder
 from zloam_monitor.mcap_file import McapFile, RecordingError
 from zloam_monitor.recorder import Options, Recorder
 from zloam_monitor.recordings.robot_log import RobotLog
@@ -287,6 +288,43 @@ def test_a_step_of_the_clock_makes_no_stage_silent(
     made.close()
     assert RobotLog(path).extent().seconds < 60
     assert not [f for f in doctor_files.of_recording(path) if "is not there" in f.what]
+
+
+@pytest.mark.parametrize(
+    ("health", "silent_s", "told"), [(1, 30, True), (1, 3, False), (4, 30, False)]
+)
+def test_an_end_without_messages_is_told(
+    session: FakeSession,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    health: int,
+    silent_s: int,
+    told: bool,
+) -> None:
+    """Unless a stage has said that it ends: 4 is `stopping`."""
+    now_s = 100
+    monkeypatch.setattr(intake.Clock, "now_ns", lambda _: now_s * 10**9)
+    made = recording(session, tmp_path / "run.mcap")
+    publish_status(session, "odometry", health=1)
+    now_s += 20
+    publish_status(session, "mapping", health=health)
+    made.poll()
+    now_s += silent_s
+    made.close()
+    assert made.silence() == [
+        f"nothing came in the last 30 s of {made.parts[0]}: the link to the robot was cut, or its "
+        "stages were killed; what they published since then is missing"
+    ] * int(told)
+
+
+def test_a_recording_of_nothing_is_no_success(
+    session: FakeSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The robot vanished between its discovery and the first message."""
+    times_ns = itertools.count(0, 10**10)
+    monkeypatch.setattr(intake.Clock, "now_ns", lambda _: next(times_ns))
+    options = Options(tmp_path / "run.mcap", scene=False)
+    assert recorder.record(linked(session), options, 0.0) == 1
 
 
 def part(path: Path, number: int, **about: str) -> Path:

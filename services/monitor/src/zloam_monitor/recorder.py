@@ -34,6 +34,7 @@ from zloam_monitor.mcap_file import (
 )
 from zloam_monitor.terminal import ProgressLine
 from zloam_monitor.version import version
+from zloam_monitor.watch import STALE_SECONDS
 
 #: Limit on messages waiting to be written.
 MOST_WAITING_BYTES = 256 * MIB
@@ -60,6 +61,8 @@ DERIVED = (
 )
 #: Health of instances that may have no configuration to ask for: standbys have none.
 WITHOUT_CONFIG = ("starting", "stopping")
+#: Health of an instance that says by itself that nothing more comes of it.
+ENDING = ("stopping", "failed")
 #: What a thread that records may raise; a run beside it goes on, and reports it at its end.
 FAILURES = (RecordingError, OSError, ValueError)
 
@@ -143,6 +146,10 @@ class Recorder:
         self._standing: dict[str, Sample] = {}
         #: Keys of the configurations of all instances that were there.
         self._present: set[str] = set()
+        #: When the newest message came, and the end, ns by the intake's clock.
+        self._came_ns = self._ended_ns = self._intake.clock.now_ns()
+        #: Key of a status -> when the newest came, and its health.
+        self._last_words: dict[str, tuple[int, str]] = {}
 
     def settle(self) -> None:
         """Queries what was published before: the configuration and its changes."""
@@ -230,6 +237,7 @@ class Recorder:
             health = records.status(sample.payload).health
         except messages.DECODE_ERRORS:
             return
+        self._last_words[sample.key] = sample.received_ns, health
         if health in WITHOUT_CONFIG:
             return
         config = sample.key.removesuffix("status") + "config"
@@ -243,6 +251,7 @@ class Recorder:
             self._intake.add(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
 
     def _take(self, sample: Sample) -> None:
+        self._came_ns = sample.received_ns
         identifier = sample.payload[4:8]
         if identifier == messages.KINDS["EffectiveConfig"].identifier:
             self._stand(sample)
@@ -300,6 +309,7 @@ class Recorder:
         if self._closed:
             return
         self._closed = True
+        self._ended_ns = self._intake.clock.now_ns()
         self._intake.close()
         try:
             self.poll()
@@ -329,6 +339,22 @@ class Recorder:
             of = ", ".join("/".join(key.split("/")[-3:-1]) for key in lacking)
             found.append(f"the configuration of {of} is missing in {self.parts[0]}: no answer came")
         return found
+
+    def silence(self) -> list[str]:
+        """A text if nothing came any more before the end, though no instance had said that it ends:
+        no gap between numbers shows what was published since."""
+        silent_s = 1e-9 * (self._ended_ns - self._came_ns)
+        said = [
+            health
+            for came_ns, health in self._last_words.values()
+            if 1e-9 * (self._came_ns - came_ns) <= STALE_SECONDS
+        ]
+        if silent_s <= STALE_SECONDS or set(said) & set(ENDING):
+            return []
+        return [
+            f"nothing came in the last {silent_s:.0f} s of {self.parts[-1]}: the link to the robot "
+            "was cut, or its stages were killed; what they published since then is missing"
+        ]
 
     def summary(self) -> str:
         """Text with the recording's files, its size, and what is missing."""
@@ -432,5 +458,6 @@ def record(link: Link, options: Options, seconds: float | None) -> int:
     finally:
         line.end()
         recorder.close()
-    print(recorder.summary(), flush=True)
-    return 1 if recorder.lacks() else 0
+    silence = recorder.silence()
+    print("\n".join([recorder.summary(), *silence]), flush=True)
+    return 1 if recorder.lacks() or silence else 0
