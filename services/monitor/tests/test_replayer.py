@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -170,10 +171,43 @@ def test_the_search_ends_when_it_is_told_to(log: RobotLog) -> None:
     assert len(asked) == 3
 
 
-@pytest.mark.parametrize(("begin_s", "end_s"), [(1000.0, None), (2.0, 1.0)])
+@pytest.mark.parametrize(
+    ("begin_s", "end_s"), [(1000.0, None), (2.0, 1.0), (math.inf, None), (2.0, -math.inf)]
+)
 def test_a_part_that_is_not_there_is_a_wrong_command_line(
     log: RobotLog, begin_s: float, end_s: float | None
 ) -> None:
     wanted = Options(log.parts[0], begin_s=begin_s, end_s=end_s)
     with pytest.raises(Misuse, match=rf"run\.mcap is 7\.5 s long: nothing lies from {begin_s:g} s"):
         replayer.replay(wanted)
+
+
+def test_an_end_that_is_never_reached_is_that_of_the_recording(log: RobotLog) -> None:
+    extent = log.extent()
+    whole = extent.begin_ns, extent.end_ns
+    assert replayer._span(extent, Options(Path(), end_s=math.inf)) == whole
+
+
+def test_what_is_no_tile_is_left_out_and_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A stranger published it on the key of a tile, and the recorder wrote it."""
+    needs_schemas()
+    file = McapFile(tmp_path / "run.mcap", {**ABOUT, "part": "1"})
+    for at_s in (0.0, 1.0):
+        put(file, TILE, at_s, tile(1, 0))
+        put(file, TILE, at_s + 0.1, b"no tile at all")
+    put(file, TILE, 1.2, tile(1, 0)[:40])
+    put(file, TILE, 1.3, tile(1, 0))
+    file.close()
+    keys: list[str] = []
+    session = SimpleNamespace(
+        put=lambda key, *_, **__: keys.append(key),
+        declare_queryable=lambda *_: None,
+        close=lambda: None,
+    )
+    monkeypatch.setattr(replayer, "open_session", lambda *_: session)
+    monkeypatch.setattr(replayer.Stand, "_alone", lambda _: None)
+    assert replayer.replay(Options(file.path, rate=100.0, begin_s=0.5)) == 1
+    assert keys == ["loam/r/map/tile/plane/0/0/0"] * 3
+    assert "2 tiles could not be read: they are left out" in capsys.readouterr().out

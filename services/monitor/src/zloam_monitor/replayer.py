@@ -16,7 +16,7 @@ from zloam_monitor.failures import Misuse
 from zloam_monitor.keys import TILES, Keys
 from zloam_monitor.link import open_session
 from zloam_monitor.recordings import Refused
-from zloam_monitor.recordings.robot_log import Logged, RobotLog
+from zloam_monitor.recordings.robot_log import Extent, Logged, RobotLog
 from zloam_monitor.terminal import ProgressLine
 
 #: When the replay begins later, the newest of these messages before its begin come first.
@@ -61,6 +61,8 @@ class Stand:
         answered = (self.keys.every_status, self.keys.every_config, self.keys.every_revision)
         self._queryables = [self.session.declare_queryable(k, self._answer) for k in answered]
         self.published = 0
+        #: Tiles without which no key can be made.
+        self.unreadable = 0
 
     def _alone(self) -> None:
         """Refuses if the robot itself is present, as messages of the two would be mixed."""
@@ -80,7 +82,12 @@ class Stand:
 
     def put(self, logged: Logged) -> None:
         """Publishes a message on its key below the robot's name."""
-        key = self._key(logged)
+        try:
+            key = self._key(logged)
+        except messages.DECODE_ERRORS:
+            # A recorder writes all that comes on the robot's keys, also what a stranger publishes.
+            self.unreadable += 1
+            return
         if key is None:
             return
         if logged.schema in ("zloam.msg.Status", *STANDING[:2]):
@@ -134,7 +141,10 @@ def _from(
         if logged.schema != STANDING[2]:
             standing[logged.topic] = logged
             continue
-        tile = records.tile(logged.payload)
+        try:
+            tile = records.tile(logged.payload)
+        except messages.DECODE_ERRORS:
+            continue
         # As in every view, the first tile of another map ends the one before.
         if tile.map_id != map_id:
             map_id = tile.map_id
@@ -145,19 +155,26 @@ def _from(
     yield from log.found(begin_ns=begin_ns, end_ns=end_ns + 1)
 
 
-def replay(options: Options) -> int:
-    """Replays a recording until its end or Ctrl-C; returns 1 if a part was unreadable."""
-    log = RobotLog(options.path)
-    extent = log.extent()
-    begin_ns = extent.begin_ns + round(1e9 * options.begin_s)
+def _span(extent: Extent, options: Options) -> tuple[int, int]:
+    """Begin and end of the wanted part in ns; raises Misuse if nothing lies between them."""
+    # Limited first, as a user may write `inf`, of which no integer can be made.
+    begin_ns = extent.begin_ns + round(1e9 * min(extent.seconds, options.begin_s))
     end_ns = extent.end_ns
     if options.end_s is not None:
-        end_ns = min(end_ns, extent.begin_ns + round(1e9 * options.end_s))
+        end_ns = extent.begin_ns + round(1e9 * max(0.0, min(extent.seconds, options.end_s)))
     if begin_ns >= end_ns:
         raise Misuse(
             f"{options.path} is {extent.seconds:.1f} s long: nothing lies from "
             f"{options.begin_s:g} s to {1e-9 * (end_ns - extent.begin_ns):g} s"
         )
+    return begin_ns, end_ns
+
+
+def replay(options: Options) -> int:
+    """Replays a recording until its end or Ctrl-C; returns 1 if something in it was unreadable."""
+    log = RobotLog(options.path)
+    extent = log.extent()
+    begin_ns, end_ns = _span(extent, options)
     stand = Stand(log, options)
     try:
         with ending.until_told() as goes_on:
@@ -167,9 +184,12 @@ def replay(options: Options) -> int:
     finally:
         stand.close()
     print(f"{stand.published} messages published", flush=True)
-    for remark in log.remarks:
+    remarks = list(log.remarks)
+    if stand.unreadable:
+        remarks.append(f"{stand.unreadable} tiles could not be read: they are left out")
+    for remark in remarks:
         print(remark, flush=True)
-    return 1 if log.remarks else 0
+    return 1 if remarks else 0
 
 
 def _publish(
