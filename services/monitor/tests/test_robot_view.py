@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -13,12 +14,14 @@ import pytest
 import zenoh
 
 from fake_session import FakeSession, needs_schemas
-from zloam_monitor import compose
+from zloam_monitor import compose, discovery
 from zloam_monitor.compose import HeaderValues
-from zloam_monitor.link import Link
+from zloam_monitor.keys import Keys
+from zloam_monitor.link import Link, LinkError
 from zloam_monitor.records import PoseRecord
 from zloam_monitor.web import robot_view
 from zloam_monitor.web.robot_view import RobotView
+from zloam_monitor.web.server import Robots
 
 PATIENCE_S = 20.0
 
@@ -164,3 +167,65 @@ def test_a_query_that_fails_is_a_finding(
     until(lambda: any(words in each["what"] for each in view.state()["findings"]))
     drive(session, 1)
     until(lambda: view.state()["pose"])
+
+
+@pytest.fixture
+def found(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Hanging]]:
+    """Endpoint -> the robot there; a search finds them all."""
+    needs_schemas()
+    there: dict[str, Hanging] = {}
+
+    @contextmanager
+    def linked_to(each: discovery.Found, *_: Any) -> Iterator[Link]:
+        if each.endpoint not in there:
+            raise LinkError("no link to the stages")
+        yield Link(there[each.endpoint], Keys(each.robot), 100)
+
+    monkeypatch.setattr(discovery, "linked_to", linked_to)
+    monkeypatch.setattr(robot_view, "LISTEN_SECONDS", 0.1)
+    yield there
+    for session in there.values():
+        session.answers.set()
+
+
+def test_a_robot_that_answers_elsewhere_is_followed_there(
+    found: dict[str, Hanging], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one that was started again while another robot had its ports; not while it is heard."""
+    found["tcp/a:1"], found["tcp/a:2"] = Hanging(), Hanging()
+    here, there = (discovery.Found("robot", endpoint, ()) for endpoint in found)
+    monkeypatch.setattr(discovery, "present", lambda _: [here])
+    monkeypatch.setattr(discovery, "robots", lambda _: [there])
+    with closing(Robots([])) as robots:
+        first = robots.view("robot")
+        assert first is not None
+        drive(found["tcp/a:1"], 1)
+        until(lambda: first.state()["pose"])
+        robots.search()
+        assert robots.view("robot") is first
+        for session in found.values():
+            session.answers.set()
+        real = time.monotonic
+        monkeypatch.setattr(time, "monotonic", lambda: real() + 30.0)
+        robots.search()
+        second = robots.view("robot")
+        assert second is not None
+        assert second is not first
+        assert second.state()["map_version"] != first.state()["map_version"]
+        drive(found["tcp/a:2"], 7)
+        until(lambda: (second.state()["pose"] or {}).get("sweep") == 7)
+
+
+def test_a_robot_that_vanished_after_it_was_found_ends_nothing(
+    found: dict[str, Hanging], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found["tcp/a:1"], found["tcp/a:3"] = Hanging(), Hanging()
+    names = {"a": "tcp/a:1", "b": "tcp/a:2", "c": "tcp/a:3"}
+    all_three = [discovery.Found(name, endpoint, ()) for name, endpoint in names.items()]
+    monkeypatch.setattr(discovery, "present", lambda _: all_three[:1])
+    monkeypatch.setattr(discovery, "robots", lambda _: all_three)
+    with closing(Robots([])) as robots:
+        robots.search()
+        assert robots.names() == ["a", "c"]
+        for session in found.values():
+            session.answers.set()

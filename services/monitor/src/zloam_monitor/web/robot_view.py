@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import secrets
 import sys
 import threading
 import time
@@ -66,14 +67,15 @@ class RobotView:
         self._path: list[tuple[int, float, float]] = []
         self._every = 1
         self._newest = -1
-        self._newest_s = time.monotonic()
+        self._began_s = self._newest_s = time.monotonic()
         self._run: int | None = None
         self._history: deque[dict[str, Any]] = deque(maxlen=HISTORY_SECONDS)
         self._noted_s = 0.0
         self._findings: list[dict[str, Any]] = []
         self._judged = False
         self._looked = _Look(None, self._newest_s, [], {})
-        self._map: dict[str, Any] = {"version": 0, "cells": ""}
+        # From any number on: a page compares it with that of the view before.
+        self._map: dict[str, Any] = {"version": secrets.randbits(32), "cells": ""}
         self._asker: threading.Thread | None = None
         self._thread = threading.Thread(target=self._follow, daemon=True)
         self._thread.start()
@@ -104,6 +106,13 @@ class RobotView:
     def map_view(self) -> dict[str, Any]:
         with self._lock:
             return self._map
+
+    def is_gone(self) -> bool:
+        """No stage is heard: the robot has ended, or is to be reached in another way now."""
+        with self._lock:
+            stages = self._looked.stages
+        newest_s = max([self._began_s, *(came_s for _, came_s in stages.values())])
+        return time.monotonic() - newest_s > STALE_SECONDS
 
     def silence(self) -> str | None:
         """Advice if a thin view gets no preview; else None."""

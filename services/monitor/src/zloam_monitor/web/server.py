@@ -13,10 +13,11 @@ from contextlib import ExitStack, suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
-from typing import Any
+from typing import Any, NamedTuple
 
 from zloam_monitor import discovery, ending
 from zloam_monitor.discovery import Found
+from zloam_monitor.link import LinkError
 from zloam_monitor.ports import not_listening
 from zloam_monitor.version import version
 from zloam_monitor.web.robot_view import RobotView
@@ -33,39 +34,57 @@ FILES = {
 _ROBOT = re.compile(r"^/robots/([^/]+)/(state|map)\.json$")
 
 
+class _Shown(NamedTuple):
+    """A robot's view, and what is open for it."""
+
+    view: RobotView
+    endpoint: str
+    opened: ExitStack
+
+
 class Robots:
     """All robots that were found; raises NothingAnswers if there are none."""
 
     def __init__(self, endpoints: Sequence[str], thin: bool = False) -> None:
         self._endpoints, self._thin = endpoints, thin
-        self._views: dict[str, RobotView] = {}
-        self._open = ExitStack()
-        self._add(discovery.present(endpoints))
+        self._shown: dict[str, _Shown] = {}
+        for each in discovery.present(endpoints):
+            self._add(each)
 
     def search(self) -> None:
-        """Searches again, and adds new robots."""
-        self._add(discovery.robots([discovery.endpoint_of(each) for each in self._endpoints]))
+        """Searches again, and adds new robots, and those that were started again elsewhere."""
+        for each in discovery.robots([discovery.endpoint_of(each) for each in self._endpoints]):
+            # One that has vanished meanwhile; the others are shown on.
+            with suppress(LinkError):
+                self._add(each)
 
-    def _add(self, found: Sequence[Found]) -> None:
-        for each in found:
-            if each.robot not in self._views:
-                linked = discovery.linked_to(each, NEWEST_POSES, self._thin)
-                view = RobotView(self._open.enter_context(linked))
-                self._open.callback(view.close)
-                self._views[each.robot] = view
+    def _add(self, found: Found) -> None:
+        before = self._shown.get(found.robot)
+        if before is not None and (before.endpoint == found.endpoint or not before.view.is_gone()):
+            return
+        with ExitStack() as opened:
+            linked = discovery.linked_to(found, NEWEST_POSES, self._thin)
+            view = RobotView(opened.enter_context(linked))
+            opened.callback(view.close)
+            self._shown[found.robot] = _Shown(view, found.endpoint, opened.pop_all())
+        if before is not None:
+            before.opened.close()
 
     def silences(self) -> list[str]:
         """Advice for thin views that get no preview."""
-        return [said for view in self._views.values() if (said := view.silence()) is not None]
+        views = [each.view for each in self._shown.values()]
+        return [said for view in views if (said := view.silence()) is not None]
 
     def names(self) -> list[str]:
-        return sorted(self._views)
+        return sorted(self._shown)
 
     def view(self, name: str) -> RobotView | None:
-        return self._views.get(name)
+        shown = self._shown.get(name)
+        return None if shown is None else shown.view
 
     def close(self) -> None:
-        self._open.close()
+        for each in self._shown.values():
+            each.opened.close()
 
 
 class _Handler(BaseHTTPRequestHandler):
