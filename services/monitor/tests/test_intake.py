@@ -95,9 +95,12 @@ def test_what_waits_for_room_at_the_end_is_taken(session: FakeSession) -> None:
     intake.add("pose", messages[0])
     publisher = threading.Thread(target=intake.add, args=("pose", messages[1]))
     publisher.start()
+    while not intake._outside:
+        time.sleep(0.01)
     intake.close()
-    publisher.join()
+    # At once: its thread need not have run since.
     assert [sample.payload for sample in intake.taken()] == messages
+    publisher.join()
 
 
 @pytest.mark.parametrize(

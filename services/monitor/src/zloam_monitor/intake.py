@@ -60,6 +60,8 @@ class Intake:
         self._waiting: deque[Sample] = deque()
         self._bytes = 0
         self._closed = False
+        #: Number of messages that wait for room.
+        self._outside = 0
         self._gaps = Gaps()
         self.clock = Clock()
         #: Key -> number of dropped messages.
@@ -72,6 +74,8 @@ class Intake:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+            # They count as arrived, so that nothing would tell of those that come in later.
+            self._changed.wait_for(lambda: self._outside == 0)
         for subscriber in self._subscribers:
             with contextlib.suppress(zenoh.ZError):  # The session may be closed already.
                 subscriber.undeclare()
@@ -105,7 +109,12 @@ class Intake:
     def _waited_for_room(self, sample: Sample, number: Number | None) -> bool:
         """False: there is none, and this is no replay or has waited long enough."""
         seconds = MOST_WAIT_S if number is not None and number.replay else 0.0
-        return self._changed.wait_for(lambda: self._has_room(sample), seconds)
+        self._outside += 1
+        try:
+            return self._changed.wait_for(lambda: self._has_room(sample), seconds)
+        finally:
+            self._outside -= 1
+            self._changed.notify_all()
 
     def _is_full(self, sample: Sample) -> bool:
         return self._bytes + len(sample.payload) > self._most_bytes
