@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import math
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,12 +12,14 @@ import numpy as np
 import pytest
 
 from fake_session import needs_schemas
-from zloam_monitor import compose, foxglove_scene, messages, rerun_scene
+from zloam_monitor import compose, ending, foxglove_scene, messages, rerun_scene, rerun_view
 from zloam_monitor.clouds import Tile
 from zloam_monitor.foxglove_scene import Scene, Shown
+from zloam_monitor.foxglove_server import Server
 from zloam_monitor.intake import Sample
 from zloam_monitor.keys import Keys
 from zloam_monitor.records import HEALTH, SERVICE_HEALTH, PoseRecord
+from zloam_monitor.traffic import Taken
 
 
 def pose(run: int) -> PoseRecord:
@@ -125,3 +129,33 @@ def test_rerun_clears_the_paths_of_another_run() -> None:
     assert len(drawn) == 4
     scene._pose(pose(run=8))
     assert len([each for each in shown if "path" in each]) == 1
+
+
+def samples(keys: Keys) -> list[Sample]:
+    """A pose, and what has its key alone: a message of another version, or a stranger's."""
+    made = compose.pose("MapPose", compose.HeaderValues(1, 1, 1), 1, (0, 0, 0), (0, 0, 0, 1))
+    return [Sample(keys.pose, payload, 1) for payload in (made, b"no pose at all")]
+
+
+def test_foxglove_counts_what_can_not_be_read() -> None:
+    pytest.importorskip("foxglove_schemas_flatbuffer")
+    needs_schemas()
+    keys = Keys("r")
+    server = Server.__new__(Server)
+    channel = SimpleNamespace(log=lambda *_, **__: None)
+    waiting = SimpleNamespace(taken=lambda: samples(keys), dropped={})
+    values = {"_scene": Scene(keys, 1e9, np.eye(4)), "_intake": waiting, "_again": math.inf}
+    vars(server).update(values, _channels={"/pose": channel}, shown=0, garbage=0)
+    server.poll()
+    assert server.words() == "1 messages shown, 0 left out, 1 could not be read"
+
+
+def test_rerun_counts_what_can_not_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    needs_schemas()
+    scene, keys, looks = rerun_scene_in({}), Keys("r"), iter([True])
+    link: Any = SimpleNamespace(keys=keys, thin=False, taken=Taken(), preview_s=0.0)
+    waiting: Any = SimpleNamespace(taken=lambda: samples(keys), close=lambda: None)
+    goes_on = nullcontext(lambda: next(looks, False))
+    monkeypatch.setattr(ending, "until_told", lambda _: goes_on)
+    assert rerun_view._draw(link, waiting, scene, None, "here") == 1
+    assert scene.garbage == 1

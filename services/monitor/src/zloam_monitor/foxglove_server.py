@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from zloam_monitor.foxglove_scene import TOPICS, Scene, expressions
 from zloam_monitor.intake import MIB, Intake
 from zloam_monitor.link import Link
 from zloam_monitor.ports import not_listening
-from zloam_monitor.terminal import ProgressLine
+from zloam_monitor.terminal import ProgressLine, unreadable
 
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
 #: Limit on messages waiting to be shown; beyond it the oldest are dropped.
@@ -54,13 +53,16 @@ class Server:
         for tile in link.query_tiles():
             self._scene.keep(tile)
         self._again = 0.0
-        self.shown = 0
+        #: Numbers of messages shown, and of those that could not be read.
+        self.shown = self.garbage = 0
 
     def poll(self) -> None:
         """Shows all messages received since the last call."""
         for sample in self._intake.taken():
-            with contextlib.suppress(*messages.DECODE_ERRORS):
+            try:
                 self._show(self._scene.take(sample))
+            except messages.DECODE_ERRORS:
+                self.garbage += 1
         now = time.monotonic()
         if now > self._again:
             self._again = now + AGAIN_SECONDS
@@ -71,9 +73,10 @@ class Server:
             self._channels[each.topic].log(each.data, log_time=each.stamp_ns)
             self.shown += 1
 
-    @property
-    def dropped(self) -> int:
-        return sum(self._intake.dropped.values())
+    def words(self) -> str:
+        """Counts of messages, for the line of progress."""
+        dropped = sum(self._intake.dropped.values())
+        return f"{self.shown} messages shown, {dropped} left out{unreadable(self.garbage)}"
 
     def close(self) -> None:
         self._intake.close()
@@ -93,7 +96,7 @@ def serve(link: Link, address: str, port: int, seconds: float | None) -> int:
             )
             while goes_on():
                 server.poll()
-                line.show(f"{server.shown} messages shown, {server.dropped} left out")
+                line.show(server.words())
                 time.sleep(0.02)
     finally:
         line.end()

@@ -23,7 +23,7 @@ from zloam_monitor.mcap_file import RecordingError
 from zloam_monitor.ports import PortTaken
 from zloam_monitor.processes import is_free
 from zloam_monitor.rerun_scene import Scene, blueprint, expressions
-from zloam_monitor.terminal import ProgressLine
+from zloam_monitor.terminal import ProgressLine, unreadable
 
 #: Limit on messages waiting to be drawn; beyond it the oldest are dropped.
 MOST_WAITING_BYTES = 64 * MIB
@@ -165,7 +165,8 @@ def view(link: Link, options: Options, seconds: float | None) -> int:
     dropped = sum(intake.dropped.values())
     rate = link.taken.kb_s(time.monotonic())
     took = f"; this view took {rate:.1f} kB/s" if rate is not None else ""
-    print(f"{drawn} messages shown, {dropped} left out{took}", flush=True)
+    unread = unreadable(scene.garbage)
+    print(f"{drawn} messages shown, {dropped} left out{unread}{took}", flush=True)
     return 0
 
 
@@ -190,8 +191,8 @@ def _draw(link: Link, intake: Intake, scene: Scene, seconds: float | None, where
                 print(f"\n{said or 'the preview comes'}", file=sys.stderr, flush=True)
             rate = link.taken.kb_s(now)
             takes = f"; this view takes {rate:.1f} kB/s" if rate is not None else ""
-            line.show(f"{drawn} messages shown{takes}")
+            line.show(f"{drawn - scene.garbage} messages shown{unreadable(scene.garbage)}{takes}")
             time.sleep(0.02)
     line.end()
     intake.close()
-    return drawn
+    return drawn - scene.garbage

@@ -6,6 +6,11 @@ import sys
 import time
 
 
+def unreadable(count: int) -> str:
+    """Words after other counts: how many messages could not be read; empty if all could."""
+    return f", {count} could not be read" if count else ""
+
+
 class ProgressLine:
     """Shows the progress of a run."""
 
