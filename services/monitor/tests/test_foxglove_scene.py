@@ -56,6 +56,24 @@ def test_tiles_stay_while_the_map_is_the_same() -> None:
     assert drawn_by_foxglove(scene) == 5
 
 
+def test_a_path_ends_with_its_map() -> None:
+    """After a reset the next pose is at the origin of another map."""
+    pytest.importorskip("foxglove_schemas_flatbuffer")
+    message = importlib.import_module("foxglove_schemas_flatbuffer.PosesInFrame").PosesInFrame
+    scene = Scene(Keys("r"), 0.0, np.eye(4))
+
+    def length() -> int:
+        shown = [each for each in scene._pose(pose(run=7)) if each.topic == "/path"]
+        return int(message.GetRootAs(shown[0].data).PosesLength())
+
+    assert length() == 1
+    scene.keep(tile(0, map_id=7))
+    scene.keep(tile(1, map_id=7))
+    assert length() == 2
+    scene.keep(tile(0, map_id=8))
+    assert length() == 1
+
+
 def logged(shown: list[Shown]) -> list[str]:
     message = importlib.import_module("foxglove_schemas_flatbuffer.Log").Log
     return [message.GetRootAs(each.data).Message().decode() for each in shown]
@@ -118,17 +136,20 @@ def test_rerun_clears_the_tiles_of_another_map() -> None:
     assert {each for each in shown if "tiles" in each} == {"map/tiles/plane/0_0_0"}
 
 
-def test_rerun_clears_the_paths_of_another_run() -> None:
+@pytest.mark.parametrize(("run", "map_id", "pieces"), [(7, 7, 4), (8, 7, 1), (7, 8, 1)])
+def test_rerun_clears_the_paths_of_another_run_or_map(run: int, map_id: int, pieces: int) -> None:
     """The run before drove elsewhere: its line would seem to be of this one."""
     shown: dict[str, Any] = {}
     scene = rerun_scene_in(shown)
+    scene.keep(tile(0, map_id=7))
     for _ in range(rerun_scene.PIECE + 1):
         scene._pose(pose(run=7))
         scene._odometry_pose(pose(run=7))
     drawn = {each for each in shown if "path" in each}
     assert len(drawn) == 4
-    scene._pose(pose(run=8))
-    assert len([each for each in shown if "path" in each]) == 1
+    scene.keep(tile(0, map_id))
+    scene._pose(pose(run))
+    assert len([each for each in shown if "path" in each]) == pieces
 
 
 def samples(keys: Keys) -> list[Sample]:

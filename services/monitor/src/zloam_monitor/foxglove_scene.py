@@ -142,6 +142,9 @@ class Scene:
         """Begins a new run: forgets the poses of the one before. The map may be the same."""
         self._run = run
         self._frame.clear()
+        self._clear_path()
+
+    def _clear_path(self) -> None:
         self._path.clear()
         self._poses, self._every_nth = 0, 1
 
@@ -185,8 +188,10 @@ class Scene:
 
     def keep(self, tile: Tile) -> None:
         """Adds a tile without a message, e.g. one from before this program's start. The first tile
-        of another map ends the one before."""
+        of another map ends the one before, and the path in it: a reset begins another frame."""
         if tile.map_id != self._map_id:
+            if self._map_id is not None:
+                self._clear_path()
             self._map_id = tile.map_id
             self._tiles.clear()
         if tile.layer in POINT_LAYERS:

@@ -180,6 +180,9 @@ class Scene:
     def _begin(self, run: int) -> None:
         self._run = run
         self._frame.clear()
+        self._clear_paths()
+
+    def _clear_paths(self) -> None:
         for entity in self._pieces:
             # Rerun goes on showing each piece until it is cleared.
             self._log(entity, self._rr.Clear(recursive=True))
@@ -238,8 +241,10 @@ class Scene:
 
     def keep(self, tile: Tile) -> None:
         """Draws a tile of the map in place of its previous version. The first tile of another map
-        ends the one before."""
+        ends the one before, and the paths in it: a reset begins another frame."""
         if tile.map_id != self._map_id:
+            if self._map_id is not None:
+                self._clear_paths()
             self._map_id = tile.map_id
             self._log(TILES, self._rr.Clear(recursive=True))
         if tile.layer in POINT_LAYERS:
