@@ -97,9 +97,12 @@ def test_what_waits_for_room_at_the_end_is_taken(session: FakeSession) -> None:
     publisher.start()
     while not intake._outside:
         time.sleep(0.01)
+    assert not intake.has_all(0.0)
     intake.close()
     # At once: its thread need not have run since.
     assert [sample.payload for sample in intake.taken()] == messages
+    assert intake.has_all(0.0)
+    assert not intake.has_all(PATIENCE_S)
     publisher.join()
 
 

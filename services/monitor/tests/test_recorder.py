@@ -6,6 +6,7 @@ import itertools
 import random
 import re
 import resource
+import threading
 import time
 from pathlib import Path
 
@@ -132,6 +133,33 @@ def test_a_run_beside_it_is_told_at_its_end(session: FakeSession, tmp_path: Path
         (lack,) = beside.end()
     assert "run_2.mcap is there already" in lack
     assert beside.end() == [lack]
+
+
+def test_statuses_keep_no_run_waiting(session: FakeSession, tmp_path: Path) -> None:
+    """Several stages' may always come at intervals of less than 0.2 s."""
+    ends, waited = threading.Event(), threading.Event()
+
+    def speak() -> None:
+        while not ends.wait(0.02):
+            publish_status(session, "odometry", health=4)
+
+    with recorder.beside(linked(session), tmp_path / "run.mcap") as beside:
+        assert beside is not None
+        beside.begin()
+
+        def catch_up() -> None:
+            beside.catch_up()
+            waited.set()
+
+        threads = [threading.Thread(target=each) for each in (speak, catch_up)]
+        for each in threads:
+            each.start()
+        has_ended = waited.wait(20.0)
+        ends.set()
+        for each in threads:
+            each.join()
+        beside.end()
+    assert has_ended
 
 
 def test_a_part_of_an_earlier_recording_is_refused_at_once(

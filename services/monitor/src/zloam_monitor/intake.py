@@ -62,6 +62,8 @@ class Intake:
         self._closed = False
         #: Number of messages that wait for room.
         self._outside = 0
+        #: Monotonic time at which the newest message of a replay was taken in.
+        self._replayed_s = time.monotonic()
         self._gaps = Gaps()
         self.clock = Clock()
         #: Key -> number of dropped messages.
@@ -96,6 +98,8 @@ class Intake:
             elif not self._waited_for_room(sample, number):
                 self._drop(sample)
                 return
+            if number is not None and number.replay:
+                self._replayed_s = time.monotonic()
             self._waiting.append(sample)
             self._bytes += len(sample.payload)
             self._changed.notify_all()
@@ -144,6 +148,13 @@ class Intake:
                 yield self.take()
             except queue.Empty:  # The remaining ones were dropped for newer ones.
                 return
+
+    def has_all(self, seconds: float) -> bool:
+        """True if nothing waits, and no message of a replay came in the last `seconds`; statuses
+        come without end."""
+        with self._changed:
+            calm = time.monotonic() - self._replayed_s > seconds
+            return calm and not self._waiting and not self._outside
 
     def lost(self) -> Counter[str]:
         """Topic -> number of messages that were published but never arrived here."""

@@ -213,18 +213,20 @@ class Recorder:
         """Bytes of all files."""
         return self.before + self._file.bytes
 
-    def poll(self, seconds: float = 0.0) -> bool:
-        """Writes received messages, waiting up to `seconds` for one; False: none came. Raises
-        RecordingError."""
+    def poll(self, seconds: float = 0.0) -> None:
+        """Writes received messages, waiting up to `seconds` for one; raises RecordingError."""
         try:
             sample = self._intake.take(seconds)
         except queue.Empty:
             self._synced()
-            return False
+            return
         self._take(sample)
         for more in self._intake.taken():
             self._take(more)
-        return True
+
+    def has_all(self, seconds: float) -> bool:
+        """True if nothing waits, and no message of a replay came in the last `seconds`."""
+        return self._intake.has_all(seconds)
 
     def _lacking(self) -> list[str]:
         """Keys of configurations that are not in the file yet."""
@@ -381,8 +383,6 @@ class Beside:
     def __init__(self, link: Link, path: Path) -> None:
         self._recorder = Recorder(link, Options(path))
         self._ends = threading.Event()
-        #: Set while nothing waits to be written.
-        self._idle = threading.Event()
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._run)
 
@@ -394,10 +394,7 @@ class Beside:
     def _run(self) -> None:
         try:
             while not self._ends.is_set():
-                if self._recorder.poll(0.2):
-                    self._idle.clear()
-                else:
-                    self._idle.set()
+                self._recorder.poll(0.2)
         except FAILURES as error:
             self._error = error
             self._recorder.give_up()
@@ -405,9 +402,8 @@ class Beside:
     def catch_up(self) -> None:
         """Waits until all that has come is written: while messages wait here, further ones of a
         replay wait at their publishers, and would be lost with them."""
-        self._idle.clear()
-        while self._thread.is_alive() and not self._idle.wait(0.2):
-            pass
+        while self._thread.is_alive() and not self._recorder.has_all(0.2):
+            time.sleep(0.05)
 
     def end(self) -> list[str]:
         """Ends the recording; returns texts about what is missing, none if it is complete."""
