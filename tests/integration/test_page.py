@@ -118,5 +118,6 @@ def test_a_link_that_was_cut_is_told(robots: Robots, url: str, tmp_path: Path) -
         cut.says.clear()
         browser.value("stateMs = 500")
         browser.wait_for("byId('connection').className === 'lost'")
+        browser.value("stateMs = 10000")
         cut.says.set()
         browser.wait_for("byId('connection').className === ''")
