@@ -340,8 +340,8 @@ def test_an_end_without_messages_is_told(
     now_s += silent_s
     made.close()
     assert made.silence() == [
-        f"nothing came in the last 30 s of {made.parts[0]}: the link to the robot was cut, or its "
-        "stages were killed; what they published since then is missing"
+        f"nothing came in the last 30 s of {made.parts[0]}: the link to the robot was cut, its "
+        "stages were killed, or a replay of it was over; what was published since then is missing"
     ] * int(told)
 
 

@@ -355,7 +355,8 @@ class Recorder:
             return []
         return [
             f"nothing came in the last {silent_s:.0f} s of {self.parts[-1]}: the link to the robot "
-            "was cut, or its stages were killed; what they published since then is missing"
+            "was cut, its stages were killed, or a replay of it was over; what was published since "
+            "then is missing"
         ]
 
     def summary(self) -> str:
