@@ -21,6 +21,9 @@ FIRST_PART = 80
 SECOND_PART = 25
 #: submaps before the graph is killed
 SOME_SUBMAPS = 2
+#: The drive is sent this many times slower than recorded. A driver begins with the host's time: at
+#: a slower pace the sensor seems to have been away for the seconds by which its own time is late.
+NEARLY_LIVE = 1.1
 #: At 10 Hz a car drives less per sweep.
 LONGEST_STEP_M = 2.0
 
@@ -142,18 +145,19 @@ def test_a_graph_that_is_started_again_with_the_driver_lacks_nothing(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path
 ) -> None:
     """Its first message is sweep 0 of the driver's second run, in the map of the first one."""
-    run = LiveRun(build, robot_file, drive, tmp_path, seconds=SECONDS)
+    run = LiveRun(build, robot_file, drive, tmp_path, slower=NEARLY_LIVE, seconds=SECONDS)
     start_graph(build, robot_file, run, "graph")
     with run:
         run.until_poses(FIRST_PART)
         before, last = wait_for_submaps(run), list(run.poses.values())[-1]
         kill(run.chain, "graph", "driver")
+        # At once: after three seconds without sweeps, mapping begins another map.
         start_graph(build, robot_file, run, "graph-again")
-        run._until(lambda: is_new(run, before))
         run.chain.start("driver", "driver-again")
         run._until(lambda: sum(r != last.run for r, _ in run.mapped) >= SECOND_PART)
         statuses = run.end()
+        assert is_new(run, before)
+        assert submaps(run) > before.figures["submaps"]
     if len(maps_of(tmp_path)) > 1:
         pytest.skip("the driver was away for so long that mapping began another map")
-    assert len(smooth(tmp_path / "trajectory_world.tum")) == mapped_poses(run, statuses)
-    assert statuses["graph"].figures["submaps"] > before.figures["submaps"]
+    assert len(read(tmp_path / "trajectory_world.tum")) == mapped_poses(run, statuses)
