@@ -174,6 +174,14 @@ WRONG: dict[str, tuple[Heard, str]] = {
         replace(well(), mapped=[worked(0, "mapping", 900.0)]),
         "mapping takes 900 ms for a sweep on average",
     ),
+    "which is slow and drops what it has no time for": (
+        changed(
+            replace(well(), mapped=[worked(n, "mapping", 1.0) for n in range(50)]),
+            "mapping",
+            inputs=(replace(dropped("queue_full")[0], processed=104),),
+        ),
+        "mapping dropped 26 of sweep as queue_full: mapping takes 1250 ms for one",
+    ),
     "which has not even done one": (
         at_one_sweep(well(), "mapping"),
         "mapping takes more than 5 s for one message of sweep",

@@ -33,9 +33,10 @@ YOUNG_S, APART_S = 60.0, 10.0
 #: A stage that works longer than this part of the sweep period falls behind.
 SLOW = 1.0
 SLOW_ONE = "it is the slow one: give it a processor of its own, or fewer points"
+FULL = "queue_full"
 #: Drop reason -> its meaning for a user.
 DROPS = {
-    "queue_full": "the machine is too slow for this rate: fewer points (registration.*), or "
+    FULL: "the machine is too slow for this rate: fewer points (registration.*), or "
     "another machine for a stage",
     "late": "messages come after others were given up: the link, or the machine, is overloaded",
     "wrong_run": "somebody else publishes sweeps under this robot's name: a second driver, or a "
@@ -242,7 +243,8 @@ def _drops(heard: Heard) -> Iterator[Finding]:
             for reason, do in DROPS.items():
                 count = each.dropped.get(reason, 0) - (old.dropped.get(reason, 0) if old else 0)
                 if count > 0:
-                    yield Finding(f"{status.stage} dropped {count} of {key} as {reason}", do)
+                    why = _pace_of(status.stage, heard, old, each) if reason == FULL else ""
+                    yield Finding(f"{status.stage} dropped {count} of {key} as {reason}{why}", do)
             lost = each.lost - (old.lost if old else 0)
             if lost > 0:
                 yield Finding(
@@ -255,6 +257,16 @@ def _drops(heard: Heard) -> Iterator[Finding]:
                     f"{key}",
                     SLOW_ONE,
                 )
+
+
+def _pace_of(stage: str, heard: Heard, old: Input | None, new: Input) -> str:
+    """How long a stage with a full queue took for each message; empty: it was not seen before."""
+    if old is None:
+        return ""
+    done = new.processed - old.processed
+    if done <= 0:
+        return f": {stage} takes more than {heard.seconds:.0f} s for one"
+    return f": {stage} takes {1000 * heard.seconds / done:.0f} ms for one"
 
 
 def is_stuck(before: Input, after: Input) -> bool:
@@ -305,8 +317,12 @@ def _pace(heard: Heard) -> Iterator[Finding]:
             "5 to 20 are expected: set its rotation rate on its own page",
         )
     # Times are taken from the traces of sweeps: the percentiles in a status are of the whole run.
+    # Those of a stage that drops sweeps tell less than their number, as it may predict the others.
     _, work = latency.samples(heard.poses, heard.mapped)
+    overrun = _overrun(heard)
     for stage in STAGES:
+        if stage in overrun:
+            continue
         mean_ms = _mean_without_longest(work.get(stage, []))
         if period_s > 0 and mean_ms > 1000.0 * SLOW * period_s:
             yield Finding(
@@ -314,6 +330,18 @@ def _pace(heard: Heard) -> Iterator[Finding]:
                 f"{1000 * period_s:.0f} ms",
                 SLOW_ONE,
             )
+
+
+def _overrun(heard: Heard) -> set[str]:
+    """Stages that dropped messages as others waited, of which _drops() tells the time for each."""
+    return {
+        status.stage
+        for who, status in heard.after.items()
+        for each in status.inputs
+        if (before := heard.before.get(who))
+        and (old := before.input(each.key))
+        and each.dropped.get(FULL, 0) > old.dropped.get(FULL, 0)
+    }
 
 
 def _mean_without_longest(times_ms: list[float]) -> float:
