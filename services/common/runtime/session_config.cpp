@@ -97,7 +97,7 @@ std::string identifier(std::uint8_t initiative) {
 }
 
 // In a replay messages wait for a slow reader. Zenoh closes the link to a reader that has taken
-// nothing for this long. Its default of 5 s is too short for a process without a processor.
+// nothing for this long. Its default of 5 s is too short for a process that gets no CPU time.
 constexpr std::int64_t kStuckReader_us = 30'000'000;
 
 }  // namespace

@@ -7,7 +7,7 @@ const OLD_S = 2;
 // A cell whose points are within this height range is ground, and drawn lighter.
 const GROUND_DM = 5;
 const BAD = ["failed", "silent", "lost", "invalid"];
-// A browser waits minutes for an answer over a link that was cut, and what is shown would seem to be of now.
+// Over a link that was cut a browser waits minutes for an answer, and would show an old state as the current one.
 let stateMs = 10000;
 // The map may take long over a slow link.
 const MAP_MS = 120000;
