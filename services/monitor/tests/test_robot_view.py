@@ -57,6 +57,11 @@ def until(holds: Callable[[], Any]) -> None:
         time.sleep(0.02)
 
 
+def pass_30_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = time.monotonic
+    monkeypatch.setattr(time, "monotonic", lambda: real() + 30.0)
+
+
 @pytest.fixture
 def session() -> Iterator[Hanging]:
     needs_schemas()
@@ -108,8 +113,7 @@ def test_what_no_longer_moves_is_seen_to_be_old(
     until(lambda: view.state()["pose"] and driver(view.state())["health"] == "ready")
     session.answers.set()
     view.close()
-    now_s = time.monotonic()
-    monkeypatch.setattr(time, "monotonic", lambda: now_s + 30.0)
+    pass_30_s(monkeypatch)
     state = view.state()
     assert state["age_s"] >= 30.0
     assert driver(state)["health"] == "silent"
@@ -131,8 +135,7 @@ def test_without_poses_there_is_no_latency(
         return any(each["stages"] == {"driver": 3.0} for each in view.state()["history"])
 
     until(is_charted)
-    real = time.monotonic
-    monkeypatch.setattr(time, "monotonic", lambda: real() + 30.0)
+    pass_30_s(monkeypatch)
     until(lambda: view.state()["history"][-1]["stages"] == {})
 
 
@@ -213,8 +216,7 @@ def test_a_robot_that_answers_elsewhere_is_followed_there(
         assert robots.view("robot") is first
         for session in found.values():
             session.answers.set()
-        real = time.monotonic
-        monkeypatch.setattr(time, "monotonic", lambda: real() + 30.0)
+        pass_30_s(monkeypatch)
         robots.search()
         second = robots.view("robot")
         assert second is not None
