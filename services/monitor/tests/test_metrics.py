@@ -23,35 +23,12 @@ from zloam_monitor.records import Input, PoseRecord, StatusRecord
 
 ROOT = Path(__file__).resolve().parents[3]
 OBSERVABILITY = ROOT / "deploy/observability"
-#: Words of PromQL, and names of labels.
+#: Words of PromQL, Prometheus's own metric, and names of labels.
 WORDS = {
-    *(
-        "max",
-        "sum",
-        "count",
-        "rate",
-        "by",
-        "on",
-        "unless",
-        "or",
-        "and",
-        "count_over_time",
-        "absent",
-        "up",
-    ),
-    *(
-        "min_over_time",
-        "resets",
-        "predict_linear",
-        "robot",
-        "stage",
-        "instance",
-        "job",
-        "state",
-        "reason",
-        "name",
-        "quantile",
-    ),
+    *("max", "sum", "count", "rate", "by", "on", "unless", "or", "and", "absent"),
+    *("count_over_time", "min_over_time", "resets", "predict_linear"),
+    "up",
+    *("robot", "stage", "instance", "job", "state", "reason", "name", "quantile"),
 }
 
 
