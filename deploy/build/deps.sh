@@ -4,9 +4,9 @@
 #   deps.sh            build and run the programs
 #   deps.sh --aloam    also A-LOAM's programs
 #   deps.sh --graph    also the graph of loops
-#   deps.sh --tests    also all of the above, unit tests, benchmarks and fuzzing
-#   deps.sh --tools    also formatting and linting
-#   deps.sh --packages those of --graph, and what makes the wheel and the Debian packages
+#   deps.sh --tests    also both of the above, unit tests, benchmarks and fuzzing
+#   deps.sh --tools    also those of --tests, formatting and linting
+#   deps.sh --packages also those of --graph, and what makes the wheel and the Debian packages
 # If a Docker Engine answers, all but the first also install mmdebstrap, which makes base images without a registry.
 # The log of the installation is shown only if it fails.
 set -euo pipefail
@@ -15,12 +15,13 @@ cd "$(dirname "$0")"
 packages=(g++ make cmake ninja-build ccache ca-certificates libeigen3-dev libflatbuffers-dev flatbuffers-compiler
   libyaml-cpp-dev libpugixml-dev libspdlog-dev libfmt-dev libpcap-dev libcli11-dev nlohmann-json3-dev libssl-dev libxxhash-dev
   python3 python3-venv)
-tests=(git libgtest-dev libgmock-dev libceres-dev libpcl-dev libopencv-features2d-dev clang libclang-rt-dev chromium)
+graph=(libceres-dev libopencv-features2d-dev)
+tests=("${graph[@]}" git libgtest-dev libgmock-dev libpcl-dev clang libclang-rt-dev chromium)
 case "${1:-}" in
   "") ;;
   --aloam) packages+=(libceres-dev libpcl-dev) ;;
-  --graph) packages+=(libceres-dev libopencv-features2d-dev) ;;
-  --packages) packages+=(libceres-dev libopencv-features2d-dev binutils dpkg-dev) ;;
+  --graph) packages+=("${graph[@]}") ;;
+  --packages) packages+=("${graph[@]}" binutils dpkg-dev) ;;
   --tests) packages+=("${tests[@]}") ;;
   --tools) packages+=("${tests[@]}" clang-format clang-tidy) ;;
   *) echo "usage: deps.sh [--aloam | --graph | --packages | --tests | --tools]" >&2; exit 2 ;;
