@@ -20,6 +20,7 @@ from zloam_monitor import compose, doctor_files, intake, link, messages, recorde
 from zloam_monitor.mcap_file import McapFile, RecordingError
 from zloam_monitor.recorder import Options, Recorder
 from zloam_monitor.recordings.robot_log import RobotLog
+from zloam_monitor.records import SERVICE_HEALTH
 from zloam_monitor.stages import STAGES
 
 MIB = 1 << 20
@@ -141,7 +142,7 @@ def test_statuses_keep_no_run_waiting(session: FakeSession, tmp_path: Path) -> N
 
     def speak() -> None:
         while not ends.wait(0.02):
-            publish_status(session, "odometry", health=4)
+            publish_status(session, "odometry", health="stopping")
 
     with recorder.beside(linked(session), tmp_path / "run.mcap") as beside:
         assert beside is not None
@@ -229,9 +230,10 @@ def test_messages_that_never_came_are_told(
     assert noted["zloam.dropped"] == {"loam/robot/pose": "3"}
 
 
-def publish_status(session: FakeSession, stage: str, at_ns: int = 1, health: int = 1) -> None:
+def publish_status(session: FakeSession, stage: str, at_ns: int = 1, health: str = "ready") -> None:
     key = session.config_key(stage).replace("/config", "/status")
-    session.publish(key, compose.status(stage, at_ns, 1, None, [], {}, health=health))
+    number = SERVICE_HEALTH.index(health)
+    session.publish(key, compose.status(stage, at_ns, 1, None, [], {}, health=number))
 
 
 def test_the_configuration_of_a_stage_that_starts_later_is_in_every_part(
@@ -282,7 +284,7 @@ def test_only_a_stage_that_works_lacks_its_configuration(
 ) -> None:
     made = recording(session, tmp_path / "run.mcap")
     made.settle()
-    publish_status(session, "registration", health=0)  # So does a standby, which has none.
+    publish_status(session, "registration", health="starting")  # So does a standby, which has none.
     made.poll()
     assert made.lacks() == []
     publish_status(session, "integration")
@@ -319,21 +321,22 @@ def test_a_step_of_the_clock_makes_no_stage_silent(
 
 
 @pytest.mark.parametrize(
-    ("health", "silent_s", "told"), [(1, 30, True), (1, 3, False), (4, 30, False)]
+    ("health", "silent_s", "told"),
+    [("ready", 30, True), ("ready", 3, False), ("stopping", 30, False)],
 )
 def test_an_end_without_messages_is_told(
     session: FakeSession,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    health: int,
+    health: str,
     silent_s: int,
     told: bool,
 ) -> None:
-    """Unless a stage has said that it ends: 4 is `stopping`."""
+    """Unless a stage has said that it ends."""
     now_s = 100
     monkeypatch.setattr(intake.Clock, "now_ns", lambda _: now_s * 10**9)
     made = recording(session, tmp_path / "run.mcap")
-    publish_status(session, "odometry", health=1)
+    publish_status(session, "odometry")
     now_s += 20
     publish_status(session, "mapping", health=health)
     made.poll()
