@@ -35,9 +35,15 @@ def tile(number: int, map_id: int) -> Tile:
     return Tile("plane", (number, 0, 0), 1, np.zeros(5, messages.MAP_POINT), map_id)
 
 
+def foxglove_table(name: str) -> Any:
+    """The class that reads a table of Foxglove's; skips the test where it is not installed."""
+    pytest.importorskip("foxglove_schemas_flatbuffer")
+    return getattr(importlib.import_module(f"foxglove_schemas_flatbuffer.{name}"), name)
+
+
 def drawn_by_foxglove(scene: Scene) -> int:
     """Number of the map's points."""
-    message = importlib.import_module("foxglove_schemas_flatbuffer.PointCloud").PointCloud
+    message = foxglove_table("PointCloud")
     return int(message.GetRootAs(scene.map(1).data).DataLength()) // 16
 
 
@@ -58,8 +64,7 @@ def test_tiles_stay_while_the_map_is_the_same() -> None:
 
 def test_a_path_ends_with_its_map() -> None:
     """After a reset the next pose is at the origin of another map."""
-    pytest.importorskip("foxglove_schemas_flatbuffer")
-    message = importlib.import_module("foxglove_schemas_flatbuffer.PosesInFrame").PosesInFrame
+    message = foxglove_table("PosesInFrame")
     scene = Scene(Keys("r"), 0.0, np.eye(4))
 
     def length() -> int:
@@ -75,7 +80,7 @@ def test_a_path_ends_with_its_map() -> None:
 
 
 def logged(shown: list[Shown]) -> list[str]:
-    message = importlib.import_module("foxglove_schemas_flatbuffer.Log").Log
+    message = foxglove_table("Log")
     return [message.GetRootAs(each.data).Message().decode() for each in shown]
 
 
