@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <limits>
 #include <map>
 #include <set>
@@ -153,23 +154,22 @@ bool answers(zenoh::Session& session, const std::string& instance, const std::st
   return true;
 }
 
-bool waits(Instance& instance) {
+bool becomes_true(const std::function<bool()>& holds) {
   const auto until = std::chrono::steady_clock::now() + kPatience;
-  while (instance.stage->status().reason != "standing by") {
+  while (!holds()) {
     if (std::chrono::steady_clock::now() > until) return false;
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   }
   return true;
 }
 
-/// Whether it hears that another instance goes before it, in whatever sweep it hangs.
+bool waits(Instance& instance) {
+  return becomes_true([&] { return instance.stage->status().reason == "standing by"; });
+}
+
+/// Whether it hears that another instance takes precedence, although it hangs in a sweep.
 bool becomes_silent(Instance& instance) {
-  const auto until = std::chrono::steady_clock::now() + kPatience;
-  while (instance.stage->status().figures["silent"] != 1.0) {
-    if (std::chrono::steady_clock::now() > until) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
-  }
-  return true;
+  return becomes_true([&] { return instance.stage->status().figures["silent"] == 1.0; });
 }
 
 const auto kYes = [](bool yes) { return yes; };
