@@ -317,7 +317,7 @@ def _pace(heard: Heard) -> Iterator[Finding]:
             "5 to 20 are expected: set its rotation rate on its own page",
         )
     # Times are taken from the traces of sweeps: the percentiles in a status are of the whole run.
-    # Those of a stage that drops sweeps tell less than their number, as it may predict the others.
+    # Not those of a stage that drops sweeps: of some it may only predict the pose, in no time.
     _, work = latency.samples(heard.poses, heard.mapped)
     overrun = _overrun(heard)
     for stage in STAGES:
@@ -333,7 +333,7 @@ def _pace(heard: Heard) -> Iterator[Finding]:
 
 
 def _overrun(heard: Heard) -> set[str]:
-    """Stages that dropped messages as others waited, of which _drops() tells the time for each."""
+    """Stages that dropped messages because their queue was full; _drops() reports their pace."""
     return {
         status.stage
         for who, status in heard.after.items()
@@ -346,8 +346,8 @@ def _overrun(heard: Heard) -> set[str]:
 
 def _mean_without_longest(times_ms: list[float]) -> float:
     """The mean tells whether a stage keeps up, also where only some of the sweeps take long. The
-    longest is left out, because a single sweep may be delayed by anything. One or two sweeps are
-    all that a slow stage does meanwhile."""
+    longest is left out, because a single sweep may be delayed by anything; not of one or two
+    sweeps, which are all that a slow stage finishes in this time."""
     if len(times_ms) < 3:
         return sum(times_ms) / max(1, len(times_ms))
     return (sum(times_ms) - max(times_ms)) / (len(times_ms) - 1)

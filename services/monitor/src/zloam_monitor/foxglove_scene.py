@@ -216,8 +216,8 @@ class Scene:
         return [self.map(stamp_ns)] if self._map_grew else []
 
     def whole(self, stamp_ns: int) -> list[Shown]:
-        """For viewers that connect later: the map, and the last statement of each stage; of one
-        that is no longer heard once that it is silent, as what it said is not of now."""
+        """For viewers that connect later: the map, and the last statement of each stage. That of a
+        stage that is no longer heard is outdated: once, a message that it is silent replaces it."""
         gone = list(self._gone(stamp_ns))
         said = [self._log(stage, stamp_ns, *says) for (stage, _), says in self._said.items()]
         return [*gone, *said, *([self.map(stamp_ns)] if self._tiles else [])]

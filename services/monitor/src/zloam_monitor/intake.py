@@ -46,8 +46,8 @@ class Sample:
 
 class Intake:
     """A queue of at most `most_bytes`; beyond it the oldest or the newest messages are dropped and
-    counted. A slow reader blocks Zenoh's threads only in a replay whose newest would be dropped:
-    that holds its publishers, and the replay goes at the reader's pace."""
+    counted. A slow reader blocks Zenoh's threads only where the newest of a replay would be
+    dropped: this holds its publishers back, and the replay runs at the reader's pace."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class Intake:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-            # They count as arrived, so that nothing would tell of those that come in later.
+            # Messages that wait for room count as arrived: later no gap would show that they lack.
             self._changed.wait_for(lambda: self._outside == 0)
         for subscriber in self._subscribers:
             with contextlib.suppress(zenoh.ZError):  # The session may be closed already.

@@ -86,7 +86,7 @@ def open_session(
     they announce. Without endpoints it waits for others to connect. No multicast.
 
     Without shared memory nothing of a replay is lost, as its publishers then wait for this process:
-    of what they share they don't know whether it was read, and take it back when they need room."""
+    they can't know whether a shared message was read, and overwrite it when they need room."""
     config = zenoh.Config()
     if not shared_memory:
         config.insert_json5("transport/shared_memory/enabled", "false")

@@ -343,8 +343,8 @@ class Recorder:
         return found
 
     def silence(self) -> list[str]:
-        """A text if nothing came any more before the end, though no instance had said that it ends:
-        no gap between numbers shows what was published since."""
+        """A text if nothing came in the last seconds and no instance had said that it ends; no gap
+        between numbers shows what was published in them."""
         silent_s = 1e-9 * (self._ended_ns - self._came_ns)
         said = [
             health

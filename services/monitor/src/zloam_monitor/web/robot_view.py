@@ -31,7 +31,7 @@ LISTEN_SECONDS = 10.0
 THIN_SECONDS = 1.0
 #: close() waits at most this long for each of the view's threads: a stage may hang.
 CLOSE_SECONDS = 5.0
-#: Age at which a pose says nothing of now, as the page has it.
+#: A pose of this age is no longer current; the same as OLD_S in page.js.
 OLD_SECONDS = 2.0
 #: Time covered by the history of latency and rate.
 HISTORY_SECONDS = 120
@@ -74,7 +74,7 @@ class RobotView:
         self._findings: list[dict[str, Any]] = []
         self._judged = False
         self._looked = _Look(None, self._newest_s, [], {})
-        # From any number on: a page compares it with that of the view before.
+        # Begins with a random number: a page compares it with that of a previous view.
         self._map: dict[str, Any] = {"version": secrets.randbits(32), "cells": ""}
         self._asker: threading.Thread | None = None
         self._thread = threading.Thread(target=self._follow, daemon=True)
@@ -179,7 +179,7 @@ class RobotView:
             self._judge([*([silent] if silent else []), *doctor.findings_of_statuses(heard)])
             if link.preview.version != drawn:
                 drawn = link.preview.version
-                # Previews say which map it is, so one without blocks is empty: after a reset.
+                # Previews name their map, so one without blocks is of an empty map: after a reset.
                 self._draw_map(link.preview.spread_points(), may_be_empty=True)
 
     def _judge(self, findings: list[Finding]) -> None:
@@ -206,7 +206,7 @@ class RobotView:
             self._looked = look
             if now - self._noted_s >= 1.0:
                 self._noted_s = now
-                # The latency of an old pose would go on as if it were that of now.
+                # The latency of an old pose is not the current one.
                 timed = look.pose if now - look.posed_s <= OLD_SECONDS else None
                 noted = {"stages": _latency(timed), "rate": link.posed.per_s(now)}
                 self._history.append(noted)

@@ -54,7 +54,7 @@ class Robots:
     def search(self) -> None:
         """Searches again, and adds new robots, and those that were started again elsewhere."""
         for each in discovery.robots([discovery.endpoint_of(each) for each in self._endpoints]):
-            # One that has vanished meanwhile; the others are shown on.
+            # A robot may have vanished since the search; the others are still shown.
             with suppress(LinkError):
                 self._add(each)
 
