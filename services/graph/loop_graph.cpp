@@ -259,7 +259,8 @@ bool LoopGraph::remove(std::size_t from, std::size_t to) {
     if (loop.from != from || loop.to != to || loop.verdict != Verdict::kAccepted) continue;
     loop.verdict = Verdict::kRemoved;
     const std::vector<Loop> left = s.loops;
-    // What only contradicted this one counts again, and what contradicts others too is taken back.
+    // Loops that contradicted only the removed one are in force again; the fit takes back those
+    // that contradict others too.
     for (Loop& other : s.loops) {
       if (other.verdict == Verdict::kTakenBack) other.verdict = Verdict::kAccepted;
     }

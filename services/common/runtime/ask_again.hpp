@@ -1,6 +1,6 @@
 #pragma once
-// When to ask for all of something, and when to ask again because not all of it came: after a pause
-// that doubles, so that one that is too slow to answer is not asked without end.
+// When to request all of something, and when to request it again because not all of it came: after
+// a pause that doubles, so that whoever is too slow to answer is not asked without end.
 
 #include <algorithm>
 #include <cstdint>
@@ -28,7 +28,7 @@ class AskAgain {
       pause_ns_ = kFirstPause_ns;
       return;
     }
-    // What has been wanted meanwhile is asked for at once.
+    // What was wanted since the question is asked for at once.
     if (wanted_) return;
     wanted_ = true;
     not_before_ns_ = now_ns + pause_ns_;

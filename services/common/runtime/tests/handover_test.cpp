@@ -301,8 +301,8 @@ TEST(HandOver, OneThatHangsIsOvertakenAndSaysNothingAfterwards) {
   elder.hold.change([](bool& held) { held = false; });
   ASSERT_TRUE(elder.ended.wait(kYes));
   EXPECT_TRUE(elder.stage->begins_again());
-  // Not by hears(), which forgets what has come since it went on. Some sweeps, for what is under
-  // way.
+  // Not by hears(), which clears what came since the elder continued. Several sweeps, so that what
+  // is still in transit has come.
   ASSERT_TRUE(chain.heard.wait([](const auto& all) { return all.size() >= 10; }));
   for (const auto& [sweep, who] : chain.heard.get()) {
     EXPECT_THAT(who, testing::ElementsAre(std::pair<std::string, std::uint32_t>("younger", 2)))
