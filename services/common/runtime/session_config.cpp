@@ -96,10 +96,6 @@ std::string identifier(std::uint8_t initiative) {
   return id + kDigits[initiative >> 4] + kDigits[initiative & 15];
 }
 
-// In a replay messages wait for a slow reader. Zenoh closes the link to a reader that has taken
-// nothing for this long. Its default of 5 s is too short for a process that gets no CPU time.
-constexpr std::int64_t kStuckReader_us = 30'000'000;
-
 }  // namespace
 
 void check_endpoints(const ZenohConfig& config) {
@@ -171,8 +167,6 @@ zenoh::Config session_config(const ZenohConfig& config, const Endpoints& endpoin
                  R"({peer: {to_router: "always", to_peer: "greater-zid"}})");
   c.insert_json5("timestamping/enabled", "true");
   c.insert_json5("transport/link/tx/lease", std::to_string(config.lease_ms));
-  c.insert_json5("transport/link/tx/queue/congestion_control/block/wait_before_close",
-                 std::to_string(kStuckReader_us));
   const std::string shm = "transport/shared_memory/";
   c.insert_json5(shm + "enabled", config.shared_memory ? "true" : "false");
   // Otherwise Zenoh creates a segment for its own bookkeeping even if "enabled" is false, and fails

@@ -17,9 +17,9 @@ from zloam_monitor.gaps import Gaps, Number, number_of
 from zloam_monitor.keys import topic_of
 
 MIB = 1 << 20
-#: A replay's message waits this long for room. Zenoh closes the link of a reader after 30 s
-#: (services/common/runtime/session_config.cpp).
-MOST_WAIT_S = 20.0
+#: A replay's message waits this long for room. Zenoh closes the link of a reader that takes nothing
+#: for 5 s.
+MOST_WAIT_S = 4.0
 
 
 class Clock:
