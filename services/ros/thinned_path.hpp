@@ -18,7 +18,7 @@ class ThinnedPath {
 
   /// Keeps every n-th pose; n doubles when kMost is reached. One that comes late, because its
   /// message was lost at first, is left out: the line would go back and forth. With one that is not
-  /// after the first pose the path begins anew: the same recording is replayed again.
+  /// after the first pose the path begins again: the same recording is replayed once more.
   void add(std::int64_t stamp_ns, const Pose& pose) {
     if (added_ > 0 && stamp_ns <= newest_.first) {
       if (stamp_ns > kept_.front().first) return;

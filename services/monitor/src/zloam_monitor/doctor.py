@@ -241,7 +241,7 @@ def _drops(heard: Heard) -> Iterator[Finding]:
             old = before.input(each.key) if before else None
             key = each.key.rsplit("/", 1)[-1]
             for reason, do in DROPS.items():
-                count = each.dropped.get(reason, 0) - (old.dropped.get(reason, 0) if old else 0)
+                count = _dropped_since(old, each, reason)
                 if count > 0:
                     why = _pace_of(status.stage, heard, old, each) if reason == FULL else ""
                     yield Finding(f"{status.stage} dropped {count} of {key} as {reason}{why}", do)
@@ -257,6 +257,10 @@ def _drops(heard: Heard) -> Iterator[Finding]:
                     f"{key}",
                     SLOW_ONE,
                 )
+
+
+def _dropped_since(old: Input | None, new: Input, reason: str) -> int:
+    return new.dropped.get(reason, 0) - (old.dropped.get(reason, 0) if old else 0)
 
 
 def _pace_of(stage: str, heard: Heard, old: Input | None, new: Input) -> str:
@@ -340,7 +344,7 @@ def _overrun(heard: Heard) -> set[str]:
         for each in status.inputs
         if (before := heard.before.get(who))
         and (old := before.input(each.key))
-        and each.dropped.get(FULL, 0) > old.dropped.get(FULL, 0)
+        and _dropped_since(old, each, FULL) > 0
     }
 
 

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import zenoh
 
-from zloam_monitor.gaps import Gaps, Number, number_of
+from zloam_monitor.gaps import Gaps, number_of
 from zloam_monitor.keys import topic_of
 
 MIB = 1 << 20
@@ -90,15 +90,16 @@ class Intake:
         """Adds a message that came over a subscription, or as an answer."""
         sample = Sample(key, payload, self.clock.now_ns())
         number = number_of(payload)
+        replay = number is not None and number.replay
         with self._changed:
             if number is not None:
                 self._gaps.take(topic_of(key), number)
             if self._leave_out == "oldest":
                 self._make_room(sample)
-            elif not self._waited_for_room(sample, number):
+            elif not self._waited_for_room(sample, replay):
                 self._drop(sample)
                 return
-            if number is not None and number.replay:
+            if replay:
                 self._replayed_s = time.monotonic()
             self._waiting.append(sample)
             self._bytes += len(sample.payload)
@@ -110,9 +111,9 @@ class Intake:
             self._bytes -= len(oldest.payload)
             self._drop(oldest)
 
-    def _waited_for_room(self, sample: Sample, number: Number | None) -> bool:
+    def _waited_for_room(self, sample: Sample, replay: bool) -> bool:
         """False: there is none, and this is no replay or has waited long enough."""
-        seconds = MOST_WAIT_S if number is not None and number.replay else 0.0
+        seconds = MOST_WAIT_S if replay else 0.0
         self._outside += 1
         try:
             return self._changed.wait_for(lambda: self._has_room(sample), seconds)
