@@ -200,7 +200,7 @@ void InletCore::answer_kept(zenoh::Query& query) const {
 
 void InletCore::note_seen(bool recovered) {
   const std::lock_guard lock(shared_->mutex);
-  if (recovered) ++account_.recovered;
+  ++(recovered ? account_.recovered : unasked_);
 }
 
 std::optional<Drop> InletCore::file(Message message) {
@@ -319,7 +319,7 @@ void InletCore::count_outcome(Outcome outcome) {
   }
 }
 
-std::string InletCore::next_request(std::int64_t now,
+std::string InletCore::next_request(std::int64_t now, bool goes_on,
                                     std::optional<Sequencer::Request>* of_sweeps) {
   if (setup_.options.order == Order::kAsTheyCome) {
     const auto request = seen_.request(now);
@@ -329,20 +329,20 @@ std::string InletCore::next_request(std::int64_t now,
     }
     return request ? "seq=" + span(request->first, request->last) : std::string();
   }
-  *of_sweeps = sequencer_.request(now);
+  *of_sweeps = sequencer_.request(now, goes_on && of_each_sweep());
   if (!*of_sweeps) return {};
   return "run=" + std::to_string((*of_sweeps)->run) +
          ";sweep=" + span((*of_sweeps)->first, (*of_sweeps)->last);
 }
 
-void InletCore::recover(zenoh::Session& session) {
+void InletCore::recover(zenoh::Session& session, bool goes_on) {
   const std::int64_t now = steady_ns();
   const bool by_sweep = setup_.options.order == Order::kBySweep;
   if (const auto missing = by_sweep ? sequencer_.overdue(now) : seen_.overdue(now)) {
     events_.overdue(setup_.key, *missing);
   }
   std::optional<Sequencer::Request> of_sweeps;
-  const std::string wanted = next_request(now, &of_sweeps);
+  const std::string wanted = next_request(now, goes_on, &of_sweeps);
   if (wanted.empty()) return;
   log(Level::kDebug, "asking for what is missing", {{"key", setup_.key}, {"wanted", wanted}});
   // The answer may arrive after the stage was destroyed, so its callbacks keep the inlet alive.

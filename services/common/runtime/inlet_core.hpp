@@ -60,6 +60,8 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   Account account() const override;
   /// For a snapshot of several inlets: the caller holds Shared::mutex.
   Account account_locked() const { return account_; }
+  /// Good messages that arrived without a request. The caller holds Shared::mutex.
+  std::uint64_t unasked_locked() const { return unasked_; }
   /// There is one message for each sweep of a run.
   bool of_each_sweep() const {
     return setup_.options.order == Order::kBySweep && !setup_.options.outside_runs;
@@ -85,8 +87,9 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   void put_aside();
   /// Drops waiting messages that are no longer admitted.
   void check_again();
-  /// Requests missing messages from the publisher.
-  void recover(zenoh::Session& session);
+  /// Requests missing messages from the publisher; in a run that goes on, also those that follow
+  /// when it is silent.
+  void recover(zenoh::Session& session, bool goes_on);
   /// Monotonic ns at which there is work even without a new message.
   std::optional<std::int64_t> deadline() const;
 
@@ -109,7 +112,8 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   void keep(const Message& message, const zenoh::AlignedBytes& bytes, const std::string& encoding);
   void note_seen(bool recovered);
   /// The text behind '?' of the next request; empty: none.
-  std::string next_request(std::int64_t now_ns, std::optional<Sequencer::Request>* of_sweeps);
+  std::string next_request(std::int64_t now_ns, bool goes_on,
+                           std::optional<Sequencer::Request>* of_sweeps);
   void handle(Message message);
   void count_outcome(Outcome outcome);
 
@@ -118,6 +122,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   InletEvents& events_;
   // Under Shared::mutex.
   Account account_;
+  std::uint64_t unasked_ = 0;
   std::deque<Raw> raw_;
   std::size_t raw_bytes_ = 0;
   std::uint64_t fault_count_ = 0;

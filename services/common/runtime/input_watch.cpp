@@ -41,7 +41,7 @@ double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
 }  // namespace
 
 std::string InputWatch::silence(Seen& seen, const Input& input, std::int64_t now_ns) const {
-  const std::uint64_t came = useful(input.account) - (seen.known ? useful(seen.last) : 0);
+  const std::uint64_t came = input.unasked - seen.last_unasked;
   if (came > 0) {
     if (seen.came == 0) seen.first_ns = now_ns;
     seen.came += came;
@@ -55,8 +55,12 @@ std::string InputWatch::silence(Seen& seen, const Input& input, std::int64_t now
                                                         : 0.0;
   const double silent_s = seconds(now_ns - seen.last_ns);
   if (silent_s < std::max(kSilent_s, kSilentPeriods * period_s)) return {};
-  return "no " + input.account.key + " for " +
-         std::to_string(std::lround(std::max(1.0, silent_s))) + " s";
+  const std::string lasted = std::to_string(std::lround(std::max(1.0, silent_s))) + " s";
+  if (input.account.recovered > seen.last.recovered) {
+    return input.account.key + " comes only on request for " + lasted +
+           ": its publisher does not send it here; start this stage again if that lasts";
+  }
+  return "no " + input.account.key + " for " + lasted;
 }
 
 std::string InputWatch::refusal(Seen& seen, const Account& now) const {
@@ -87,6 +91,7 @@ std::map<std::string, std::string> InputWatch::look(const std::vector<Input>& in
     found["silent " + input.account.key] = silence(seen, input, now_ns);
     found["refused " + input.account.key] = refusal(seen, input.account);
     seen.last = input.account;
+    seen.last_unasked = input.unasked;
     seen.known = true;
   }
   return found;

@@ -15,6 +15,8 @@ class InputWatch {
  public:
   struct Input {
     Account account;
+    /// good messages that arrived without a request
+    std::uint64_t unasked = 0;
     /// one message per sweep of a live run that continues: messages must keep arriving
     bool expected = false;
   };
@@ -24,6 +26,7 @@ class InputWatch {
  private:
   struct Seen {
     Account last;
+    std::uint64_t last_unasked = 0;
     bool known = false;
     std::int64_t first_ns = 0, last_ns = 0;
     std::uint64_t came = 0;

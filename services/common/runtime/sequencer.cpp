@@ -54,6 +54,7 @@ void Sequencer::begin_run(const Message& first, std::int64_t now_ns) {
   room_ = 0;
   given_up_sweeps_.clear();
   gap_since_.reset();
+  note_source(false, now_ns);
   period_.begin_run();
   credit_.begin(now_ns);
   accepted_ns_ = now_ns;
@@ -64,13 +65,15 @@ std::optional<Drop> Sequencer::add_to_run(Message message, std::int64_t now_ns) 
   const std::uint64_t sweep = message.header->sweep();
   replay_ = message.header->replay();
   replay_known_ = true;
-  if (sweep < next_) {
+  if (sweep < next_ || held_.contains(sweep)) {
+    // The copy that was requested may be the first to arrive.
+    if (!message.recovered) note_source(false, now_ns);
     return given_up_sweeps_.contains(sweep) ? Drop::kLate : Drop::kDuplicate;
   }
-  if (held_.contains(sweep)) return Drop::kDuplicate;
   if (!in_reach(message, now_ns) && !takes_up_far_numbers(message, now_ns)) return Drop::kInvalid;
   accepted_ns_ = now_ns;
   far_count_ = 0;
+  note_source(message.recovered, now_ns);
   period_.add(sweep, message.header->stamp_ns());
   held_.emplace(sweep, std::move(message));
   enforce_bound();
@@ -205,7 +208,35 @@ void Sequencer::switch_run(std::int64_t now_ns) {
   }
 }
 
-std::optional<Sequencer::Request> Sequencer::request(std::int64_t now_ns) {
+void Sequencer::note_source(bool recovered, std::int64_t now_ns) {
+  silent_wait_ns_ = 0;
+  if (!recovered) {
+    silent_since_ = now_ns;
+    ask_in_silence_at_.reset();
+  } else if (ask_in_silence_at_) {
+    // More will follow at the sensor's pace. Those of the silence wait for no fault of the reader.
+    ask_in_silence_at_ = now_ns + period_.ns();
+    ++room_;
+  }
+}
+
+std::optional<Sequencer::Request> Sequencer::request_in_silence(std::int64_t now_ns) {
+  if (!silent_since_) silent_since_ = now_ns;
+  const std::int64_t at = ask_in_silence_at_.value_or(*silent_since_ + kSilence_ns);
+  ask_in_silence_at_ = at;
+  if (now_ns < at) return std::nullopt;
+  silent_wait_ns_ = std::max(std::min(2 * silent_wait_ns_, kMaxWait_ns), period_.ns());
+  ask_in_silence_at_ = now_ns + silent_wait_ns_;
+  return Request{run_, next_, next_ + kMostAhead};
+}
+
+std::optional<Sequencer::Request> Sequencer::request(std::int64_t now_ns, bool goes_on) {
+  if (!goes_on || !running_ || replay_) {
+    ask_in_silence_at_.reset();
+    silent_since_.reset();
+  } else if (!gap_since_) {
+    return request_in_silence(now_ns);
+  }
   if (!gap_since_ || now_ns < ask_at_) return std::nullopt;
   wait_ns_ = std::min(wait_ns_ * 2, kMaxWait_ns);
   ask_at_ = now_ns + wait_ns_;
@@ -234,7 +265,7 @@ std::vector<Sequencer::GivenUp> Sequencer::given_up() {
 }
 
 std::optional<std::int64_t> Sequencer::deadline() const {
-  if (!gap_since_) return std::nullopt;
+  if (!gap_since_) return ask_in_silence_at_;
   return replay_ ? ask_at_ : std::min(ask_at_, *gap_since_ + late_ns());
 }
 
@@ -284,6 +315,7 @@ void Sequencer::continue_at(std::uint64_t run, std::uint64_t sweep) {
   next_ = sweep;
   held_.erase(held_.begin(), held_.lower_bound(sweep));
   gap_since_.reset();
+  silent_since_.reset();
 }
 
 }  // namespace zloam::runtime

@@ -47,8 +47,10 @@ class Sequencer {
   struct Request {
     std::uint64_t run, first, last;
   };
-  /// The next request; doubles its waiting time with each call that returns something.
-  std::optional<Request> request(std::int64_t now_ns);
+  /// The next request; doubles its waiting time with each call that returns something. `goes_on`:
+  /// the run is live and has not ended. Then a silence is a fault, and what follows the last sweep
+  /// is requested as well: a link may lack the declaration by which messages would be sent here.
+  std::optional<Request> request(std::int64_t now_ns, bool goes_on = false);
   /// A request was answered to its end with this many messages.
   void answered(const Request& request, std::size_t messages);
 
@@ -94,6 +96,9 @@ class Sequencer {
   bool contiguous(const Message& message) const;
   bool gap() const { return !held_.empty() && !ready(); }
   void note_gap(std::int64_t now_ns);
+  /// A message has arrived: without a request (a silence ends), or as the answer to one.
+  void note_source(bool recovered, std::int64_t now_ns);
+  std::optional<Request> request_in_silence(std::int64_t now_ns);
   void give_up_gap();
   void begin_where_it_stands();
   void give_up_sweep(std::uint64_t sweep, std::optional<Drop> drop);
@@ -129,6 +134,11 @@ class Sequencer {
   std::int64_t ask_at_ = 0;
   std::int64_t wait_ns_ = 0;
   int asked_ = 0;
+  /// since when no message has arrived without a request; nothing: to be set by the next request()
+  std::optional<std::int64_t> silent_since_;
+  /// the next request in a silence, and the waiting time before it
+  std::optional<std::int64_t> ask_in_silence_at_;
+  std::int64_t silent_wait_ns_ = 0;
   SweepPeriod period_;
   NumberCredit credit_;
   std::int64_t accepted_ns_ = 0;

@@ -187,7 +187,9 @@ bool StageCore::work_on_inputs() {
     const int most = inlet->is_of_no_sweep() ? kMostReadings : 1;
     for (int i = 0; i < most && inlet->work(); ++i) busy = true;
   }
-  for (const auto& inlet : inlets_) inlet->recover(session_);
+  // A restored stage may have to request its first message, too: no run has begun here then.
+  const bool goes_on = !in_run_ || (!run_ended_ && !replay_);
+  for (const auto& inlet : inlets_) inlet->recover(session_, goes_on);
   return busy;
 }
 

@@ -256,7 +256,8 @@ void StageCore::watch_inputs() {
   {
     const std::lock_guard lock(bell_->mutex);
     for (const auto& inlet : inlets_) {
-      inputs.push_back({inlet->account_locked(), paced && inlet->of_each_sweep()});
+      inputs.push_back({inlet->account_locked(), inlet->unasked_locked(),
+                        paced && inlet->of_each_sweep()});
     }
   }
   const auto found = input_watch_.look(inputs, steady_ns());
@@ -266,7 +267,8 @@ void StageCore::watch_inputs() {
 
 // After a link was lost and restored (a process got no CPU time for longer than the lease),
 // declarations of one side may be missing on it: the publisher then never sends here again, while
-// all stages report ready (docs/protocol.md, section 11).
+// all stages report ready (docs/protocol.md, section 11). Until this helps, the input is requested
+// by number (Sequencer::request).
 void StageCore::subscribe_again(const std::map<std::string, std::string>& silences) {
   const std::int64_t now = steady_ns();
   const std::lock_guard lock(subscriptions_mutex_);

@@ -20,18 +20,31 @@ class Watched {
   /// A second with this many good messages and this many dropped ones.
   void second(std::uint64_t good, Drop reason = Drop::kGarbage, std::uint64_t bad = 0,
               bool expected = true) {
+    unasked_ += good;
     account_.received += good + bad;
     account_.processed += good;
     account_.dropped[static_cast<std::size_t>(reason)] += bad;
-    now_ns_ += kSecond;
-    found_ = watch_.look({{account_, expected}}, now_ns_);
+    look(expected);
+  }
+  /// A second in which this many good messages arrived as answers to requests, and no others.
+  void second_on_request(std::uint64_t good) {
+    account_.received += good;
+    account_.processed += good;
+    account_.recovered += good;
+    look(true);
   }
   std::string silent() { return found_["silent loam/robot/odometry"]; }
   std::string refused() { return found_["refused loam/robot/odometry"]; }
 
  private:
+  void look(bool expected) {
+    now_ns_ += kSecond;
+    found_ = watch_.look({{account_, unasked_, expected}}, now_ns_);
+  }
+
   InputWatch watch_;
   Account account_;
+  std::uint64_t unasked_ = 0;
   std::int64_t now_ns_ = 5 * kSecond;
   std::map<std::string, std::string> found_;
 };
@@ -78,6 +91,17 @@ TEST(InputWatch, StrangersAreNoSignOfLife) {
   for (int i = 0; i < 3; ++i) input.second(10);
   input.second(0, Drop::kWrongRun, 100);
   EXPECT_EQ(input.silent(), "no loam/robot/odometry for 1 s");
+}
+
+TEST(InputWatch, WhatComesOnRequestOnlyIsTold) {
+  Watched input;
+  for (int i = 0; i < 3; ++i) input.second(10);
+  input.second(0);
+  EXPECT_EQ(input.silent(), "no loam/robot/odometry for 1 s");
+  for (int i = 0; i < 3; ++i) input.second_on_request(10);
+  EXPECT_THAT(input.silent(), HasSubstr("comes only on request for 4 s"));
+  input.second(1);
+  EXPECT_EQ(input.silent(), "");
 }
 
 TEST(InputWatch, RefusalsAreNamedAndOver) {

@@ -1,0 +1,158 @@
+// A live input that nobody sends any more although its messages are published: it goes on by
+// number, and stops requesting when messages are sent again.
+
+#include <gtest/gtest.h>
+
+#include "common/runtime/sequencer.hpp"
+#include "common/runtime/tests/support.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+using test::Network;
+using test::RunningStage;
+using test::setup;
+using test::sweep_header;
+using test::Watched;
+
+/// One input; messages are sent to it, or arrive as answers.
+class Input {
+ public:
+  explicit Input(bool replay = false) : replay_(replay) {}
+
+  std::optional<Drop> add(std::uint64_t sweep, bool recovered) {
+    const auto buffer =
+        std::make_shared<Buffer>(build(sweep_header(1, sweep, replay_), SweepFields{}));
+    Message m;
+    m.bytes = {buffer->data(), buffer->size()};
+    m.header = message_of<msg::Sweep>(m.bytes).header();
+    m.owner = buffer;
+    m.recovered = recovered;
+    return sequencer.add(std::move(m), now_ns);
+  }
+  void handle() {
+    while (sequencer.next(now_ns)) ++handled;
+  }
+  void sent(std::uint64_t sweep) {
+    add(sweep, false);
+    handle();
+  }
+  void answered(std::uint64_t sweep) {
+    EXPECT_EQ(add(sweep, true), std::nullopt) << sweep;
+    handle();
+  }
+  /// The requests of the time to come, as the worker's loop would make them.
+  std::vector<Sequencer::Request> requests_within(std::int64_t ns, bool goes_on = true) {
+    std::vector<Sequencer::Request> all;
+    for (const std::int64_t end_ns = now_ns + ns; now_ns < end_ns; now_ns += 10 * kMs) {
+      if (const auto request = sequencer.request(now_ns, goes_on)) all.push_back(*request);
+    }
+    return all;
+  }
+
+  Sequencer sequencer{SequencerLimits{}};
+  std::int64_t now_ns = 5000 * kMs;
+  int handled = 0;
+
+ private:
+  bool replay_;
+};
+
+TEST(Silence, WhatFollowsIsRequestedSoonAndThenMoreSeldom) {
+  Input input;
+  for (std::uint64_t sweep = 0; sweep < 3; ++sweep) input.sent(sweep);
+  EXPECT_TRUE(input.requests_within(1900 * kMs).empty());
+  const auto first = input.requests_within(200 * kMs);
+  ASSERT_GE(first.size(), 1U);
+  EXPECT_EQ(first[0].run, 1U);
+  EXPECT_EQ(first[0].first, 3U);
+  EXPECT_GT(first[0].last, 1000U);
+  input.requests_within(60'000 * kMs);
+  const std::size_t in_a_minute = input.requests_within(60'000 * kMs).size();
+  EXPECT_GE(in_a_minute, 5U);
+  EXPECT_LE(in_a_minute, 12U);
+}
+
+TEST(Silence, WithAnswersTheInputGoesOnAtTheSensorsPace) {
+  Input input;
+  for (std::uint64_t sweep = 0; sweep < 3; ++sweep) input.sent(sweep);
+  input.requests_within(2010 * kMs);
+  for (std::uint64_t sweep = 3; sweep < 23; ++sweep) input.answered(sweep);
+  EXPECT_EQ(input.handled, 23);
+  for (std::uint64_t sweep = 23; sweep < 43; ++sweep) {
+    const auto requests = input.requests_within(150 * kMs);
+    ASSERT_GE(requests.size(), 1U) << sweep;
+    EXPECT_EQ(requests[0].first, sweep);
+    input.answered(sweep);
+  }
+  EXPECT_EQ(input.handled, 43);
+}
+
+TEST(Silence, ABatchOfAnswersIsNotDroppedAsTooMuch) {
+  Input input;
+  input.sent(0);
+  input.requests_within(2010 * kMs);
+  // They are read from the transport's queue together, before the first is handled.
+  for (std::uint64_t sweep = 1; sweep < 31; ++sweep) {
+    EXPECT_EQ(input.add(sweep, true), std::nullopt) << sweep;
+  }
+  input.handle();
+  EXPECT_EQ(input.handled, 31);
+  EXPECT_TRUE(input.sequencer.given_up().empty());
+}
+
+TEST(Silence, ItEndsWithTheFirstMessageThatIsSent) {
+  for (const bool copy : {false, true}) {
+    Input input;
+    input.sent(0);
+    input.requests_within(2010 * kMs);
+    input.answered(1);
+    input.sent(copy ? 1 : 2);
+    EXPECT_TRUE(input.requests_within(1900 * kMs).empty()) << copy;
+  }
+}
+
+TEST(Silence, NothingIsRequestedAfterTheEndOrInAReplay) {
+  Input ended;
+  ended.sent(0);
+  EXPECT_TRUE(ended.requests_within(20'000 * kMs, false).empty());
+  EXPECT_EQ(ended.sequencer.deadline(), std::nullopt);
+  Input replay(true);
+  replay.sent(0);
+  EXPECT_TRUE(replay.requests_within(20'000 * kMs).empty());
+  EXPECT_TRUE(Input().requests_within(20'000 * kMs).empty());  // of which run?
+}
+
+// The reader loses all that is sent to it, as if its declaration had not arrived.
+TEST(Silence, AStageThatNothingIsSentToWorksByNumber) {
+  constexpr std::uint64_t kSweeps = 40;
+  const Network network(2);
+  Watched<std::vector<std::uint64_t>> seen;
+  RunningStage reader(network.open(0), setup("registration", "i", 1), [&](Stage& core) {
+    core.inlet<msg::Sweep>(Key::kSweep, {}, [&](const Received<msg::Sweep>& sweep) {
+        seen.change([&](auto& list) { list.push_back(sweep.sweep()); });
+      }).continue_at(1, 0);
+  });
+  StageSetup source = setup("driver");
+  source.shared.recovery.keep_messages = kSweeps;
+  RunningStage driver(network.open(1), std::move(source), [&](Stage& core) {
+    Outlet& out = core.outlet(Key::kSweep);
+    auto next = std::make_shared<std::uint64_t>(0);
+    core.every(std::chrono::milliseconds(50), [&out, next] {
+      if (*next == kSweeps) return;
+      HeaderFields h = sweep_header(1, *next, false);
+      h.stamp_ns = static_cast<std::int64_t>(*next) * 50'000'000;
+      h.seq = out.header(0, 0).seq;
+      h.end_of_run = ++*next == kSweeps;
+      out.publish(h, build(h, SweepFields{.rings = 16}));
+    });
+  });
+  EXPECT_TRUE(seen.wait([](const auto& list) { return list.size() == kSweeps; }));
+  seen.change([](auto& list) {
+    for (std::uint64_t i = 0; i < list.size(); ++i) EXPECT_EQ(list[i], i);
+  });
+  EXPECT_EQ(reader->accounts().at(0).recovered, kSweeps);
+}
+
+}  // namespace
+}  // namespace zloam::runtime
