@@ -180,5 +180,6 @@ lint: tools build-all test-venv ## formatting, clang-tidy, ruff, types, layers, 
 	@$(STEP) "clang-tidy" deploy/build/lint.sh tidy $(BUILD)
 	@$(STEP) "sizes" deploy/build/lint.sh sizes
 
-clean: ## remove build/ and out/ (caches under ~/.cache stay)
-	rm -rf build out
+# Never out/: it holds what users keep, such as maps, recordings and the keys of certificates.
+clean: ## remove build/ (results in out/ and caches under ~/.cache stay)
+	rm -rf build
