@@ -3,6 +3,7 @@ mirrors."""
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -44,6 +45,44 @@ def _container(resource: Resource) -> Resource:
 
 def _environment(resource: Resource) -> dict[str, str]:
     return {e["name"]: e["value"] for e in _container(resource).get("env", [])}
+
+
+def _waits_s(probe: Resource) -> int:
+    """How long a probe fails without a break before Kubernetes acts."""
+    return int(probe["periodSeconds"] * probe["failureThreshold"])
+
+
+@pytest.mark.parametrize("folder", ["base", "live", "simulated", "preview"])
+def test_only_a_process_that_answers_nothing_is_killed(folder: str) -> None:
+    """Not one that is degraded, stands by or waits for its input: it answers, and is at work or
+    will be."""
+    workloads = [r for r in _listed(folder) if r["kind"] in WORKLOADS]
+    assert workloads
+    for each in workloads:
+        name, container = each["metadata"]["name"], _container(each)
+        router = name == "router"
+        alive = ["zloam-router", "--health"] if router else ["zloam", name, "--alive"]
+        for kind, at_least_s in (("startupProbe", 600), ("livenessProbe", 180)):
+            probe = container[kind]
+            assert probe["exec"]["command"] == alive, name
+            assert _waits_s(probe) >= at_least_s, name
+            assert probe["timeoutSeconds"] > container["readinessProbe"]["timeoutSeconds"], name
+        ready = container["readinessProbe"]["exec"]["command"]
+        assert ready == (alive if router else ["zloam", name, "--health"]), name
+
+
+@pytest.mark.parametrize(("code", "alive"), [(0, True), (1, False), (2, True), (3, True)])
+def test_a_file_that_is_refused_kills_no_stage(code: int, alive: bool, tmp_path: Path) -> None:
+    """A mounted file changes below a stage that runs well with what it read at its start."""
+    for name in ("zloam-driver", "zloam-mapping"):
+        (tmp_path / name).write_text(f"#!/bin/sh\nexit {code}\n")
+        (tmp_path / name).chmod(0o755)
+    done = subprocess.run(
+        [ROOT / "deploy/docker/zloam", "mapping", "--alive"],
+        env={"PATH": f"{tmp_path}:{os.environ['PATH']}", "ZLOAM_CONFIG": "/robot/robot.yaml"},
+        check=False,
+    )
+    assert (done.returncode == 0) == alive
 
 
 class _Compose(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types

@@ -45,7 +45,7 @@ HealthAnswer answer_of(const msg::Status& status) {
   if (status.reason() != nullptr && status.reason()->size() > 0) {
     text += ": " + status.reason()->str();
   }
-  return {well, text};
+  return {true, well, text};
 }
 
 HealthAnswer ask(const SharedConfig& shared, const std::string& stage, const std::string& host,
@@ -55,7 +55,7 @@ HealthAnswer ask(const SharedConfig& shared, const std::string& stage, const std
   const Keys keys(shared.robot, shared.sensor.name);
   zenoh::GetOptions options;
   options.timeout = kDeadline;
-  HealthAnswer answer{false, "no answer from " + stage + " on this host"};
+  HealthAnswer answer{false, false, "no answer from " + stage + " on this host"};
   for (zenoh::Reply& reply :
        session.get(keys.status(stage, instance.empty() ? "*" : instance), options)) {
     if (!reply.ok()) continue;
@@ -76,7 +76,7 @@ HealthAnswer ask_health(const SharedConfig& shared, const std::string& stage,
   try {
     return ask(shared, stage, host, instance);
   } catch (const std::exception& e) {
-    return {false, e.what()};
+    return {false, false, e.what()};
   }
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 // Asks a running stage on this host for its health, as any client would: for a container's
-// healthcheck or a supervisor.
+// healthcheck or a supervisor. A supervisor that ends what fails asks only whether it answers: a
+// stage that waits for others, or is degraded, is of more use than one that starts again.
 
 #include <string>
 
@@ -9,6 +10,8 @@
 namespace zloam::runtime {
 
 struct HealthAnswer {
+  /// The stage gave its status, whatever it says
+  bool alive = false;
   /// Ready, or degraded but at work
   bool well = false;
   /// one line for people

@@ -49,6 +49,7 @@ struct CommandLine {
   bool describe = false;
   bool check = false;
   bool health = false;
+  bool alive = false;
 };
 
 std::string host_name() {
@@ -83,6 +84,9 @@ std::optional<int> parse(int argc, const char* const* argv, const StageSpec& spe
   app.add_flag("--health", line->health,
                "query the instance that runs on this host with this configuration and exit; exit "
                "code 0: it is ready");
+  app.add_flag("--alive", line->alive,
+               "like --health, but exit code 0: it answers, ready or not; for a supervisor that "
+               "ends what fails");
   app.set_version_flag("--version", program_of(spec) + " " ZLOAM_VERSION);
   try {
     app.parse(argc, argv);
@@ -236,10 +240,10 @@ int run(const StageSpec& spec, const CommandLine& line, const std::vector<const 
     std::printf("%s\n", parameters.values_json().c_str());
     return kExitOk;
   }
-  if (line.health) {
+  if (line.health || line.alive) {
     const HealthAnswer answer = ask_health(shared, spec.name, host_name(), line.instance);
     std::printf("%s\n", answer.text.c_str());
-    return answer.well ? kExitOk : kExitFailure;
+    return (line.alive ? answer.alive : answer.well) ? kExitOk : kExitFailure;
   }
   setup_log(spec.name, shared.log.level, shared.log.format == "json");
   StageSetup setup;

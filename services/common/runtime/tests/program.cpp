@@ -13,7 +13,7 @@ int main(int argc, char** argv) {
        .bind =
            [&](runtime::Parameters& p) {
              p.add("registration.value", &value, {0.0, 2.0}, "m", "a value");
-             p.add("registration.fail", &fail, {"", "io", "other", "later", "unsaved"},
+             p.add("registration.fail", &fail, {"", "io", "other", "later", "unsaved", "waits"},
                    "how to fail");
            },
        .wire =
@@ -21,6 +21,7 @@ int main(int argc, char** argv) {
              if (fail == "io") throw runtime::IoError("the disk is gone");
              if (fail == "other") throw std::runtime_error("anything else");
              if (fail == "later") stage.fail("gave up");
+             if (fail == "waits") stage.ready(false, "nothing to work on");
              if (fail == "unsaved")
                stage.on_stop([] { throw runtime::IoError("the disk is full"); });
              stage.on_stop([] { runtime::log_info("saved before the end"); });

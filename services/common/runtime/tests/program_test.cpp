@@ -151,6 +151,27 @@ TEST(Program, HealthAsksTheOneThatRuns) {
   EXPECT_EQ(stage.exit_code(), 0);
 }
 
+TEST(Program, AliveIsWhoAnswersReadyOrNot) {
+  const int port = test::free_port();
+  const std::vector<std::string> question = {"--alive", set_port(port - 1)};
+  Program nobody(question);
+  EXPECT_EQ(nobody.exit_code(), 1);
+  Program stage({set_port(port - 1), "--set=registration.fail=waits"});
+  ASSERT_TRUE(stage.read_until("started"));
+  Program ready({"--health", set_port(port - 1)});
+  EXPECT_EQ(ready.exit_code(), 1);
+  EXPECT_THAT(ready.output(), HasSubstr("Starting: nothing to work on"));
+  Program alive(question);
+  EXPECT_EQ(alive.exit_code(), 0);
+  EXPECT_THAT(alive.output(), HasSubstr("Starting: nothing to work on"));
+  stage.signal(SIGSTOP);
+  Program hangs(question);
+  EXPECT_EQ(hangs.exit_code(), 1);
+  stage.signal(SIGCONT);
+  stage.signal(SIGTERM);
+  EXPECT_EQ(stage.exit_code(), 0);
+}
+
 TEST(Program, AnythingElseEndsWithOne) {
   Program other({"--set=registration.fail=other", set_port(0)});
   EXPECT_EQ(other.exit_code(), 1);
