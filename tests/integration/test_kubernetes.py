@@ -47,6 +47,14 @@ def _environment(resource: Resource) -> dict[str, str]:
     return {e["name"]: e["value"] for e in _container(resource).get("env", [])}
 
 
+def test_the_replay_is_the_job_that_the_texts_delete() -> None:
+    """Only then can it be applied again: Kubernetes refuses a change of a Job's pods."""
+    (job,) = [r for r in _resources("simulated") if r["kind"] == "Job"]
+    command = f"kubectl -n zenoh-loam delete job {job['metadata']['name']}\n"
+    assert command in (ROOT / "deploy/README.md").read_text()
+    assert "ttlSecondsAfterFinished" not in job["spec"]
+
+
 def _waits_s(probe: Resource) -> int:
     """How long a probe fails without a break before Kubernetes acts."""
     return int(probe["periodSeconds"] * probe["failureThreshold"])

@@ -159,13 +159,18 @@ def resources(folder: Path) -> list[dict[str, Any]]:
 def kubectl(words: list[str]) -> None:
     for folder in values(words, "-k"):
         assert resources(ROOT / folder)
-    live = resources(ROOT / "deploy/kubernetes/live")
-    names = {(r["kind"], r["metadata"]["name"]) for r in live}
+    overlays = [resources(ROOT / "deploy/kubernetes" / each) for each in ("live", "simulated")]
+    names = {(r["kind"], r["metadata"]["name"]) for each in overlays for r in each}
     for space in values(words, "-n"):
         assert ("Namespace", space) in names
     plain, _ = split(words[1:])
     if plain[0] == "scale":
         assert ("Deployment", plain[2]) in names
+    if plain[0] == "delete":
+        assert (plain[1].capitalize(), plain[2]) in names
+    if plain[0] == "rollout":
+        assert plain[1] in ("restart", "status")
+        assert plain[2].capitalize() in {kind for kind, _ in names}
     if plain[0] == "label":
         label, _, value = plain[3].partition("=")
         text = "".join(p.read_text() for p in (ROOT / "deploy/kubernetes/live").glob("*.yaml"))
@@ -240,6 +245,8 @@ def test_its_words_are_known(command: str) -> None:
         ".venv/bin/python services/monitor/examples/none.py",
         "kubectl apply -k deploy/kubernetes/none",
         "kubectl -n zenoh-loam scale deployment none --replicas=3",
+        "kubectl -n zenoh-loam delete job none",
+        "kubectl -n zenoh-loam rollout restart none",
         "kubectl label node NODE zenoh-loam/sensor=none",
     ],
 )

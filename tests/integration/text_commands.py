@@ -237,6 +237,9 @@ COMMANDS: dict[str, Kind] = {
     "zloam metadata HOST FILE": Form("tests/integration/test_ouster_live.py, from a stand-in"),
     # Kubernetes.
     "kubectl apply -k deploy/kubernetes/simulated": Form("tests/integration/test_kubernetes.py"),
+    "kubectl -n zenoh-loam delete job driver": Form("tests/integration/test_kubernetes.py"),
+    "kubectl -n zenoh-loam rollout restart deployment": Form("nobody: needs a cluster"),
+    "kubectl -n zenoh-loam rollout status deployment": Form("nobody: needs a cluster"),
     "kubectl label node NODE zenoh-loam/sensor=robot": Form("nobody: needs a cluster"),
     "kubectl apply -k deploy/kubernetes/live": Form("tests/integration/test_kubernetes.py"),
     "kubectl -n zenoh-loam scale deployment registration --replicas=3": Form(
