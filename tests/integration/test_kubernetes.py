@@ -282,3 +282,32 @@ def test_the_live_driver_reads_the_sensor_as_in_compose() -> None:
     ):
         assert "driver." not in setting
     assert driver["spec"]["template"]["spec"]["hostNetwork"] is True
+
+
+def _told(environment: dict[str, str], tmp_path: Path) -> dict[str, list[str]]:
+    """The endpoints that a container's command gives its stage."""
+    (tmp_path / "zloam-driver").write_text('#!/bin/sh\nprintf "%s\\n" "$@"\n')
+    (tmp_path / "zloam-driver").chmod(0o755)
+    done = subprocess.run(
+        [ROOT / "deploy/docker/zloam", "driver", "--health"],
+        env={"PATH": f"{tmp_path}:{os.environ['PATH']}", **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    settings = dict(re.findall(r"^zenoh\.(\w+)=(.*)$", done.stdout, re.MULTILINE))
+    return {key: value.strip("[]").split(",") for key, value in settings.items()}
+
+
+def test_the_live_driver_opens_no_port_of_its_node(tmp_path: Path) -> None:
+    """Whoever reaches one, from any machine around, may read the run and publish into it."""
+    (driver,) = [r for r in _listed("live") if r["kind"] == "Deployment"]
+    told = _told(_shared() | _environment(driver), tmp_path)
+    base = RobotNames().base_port
+    assert told["listen"] == [f"tcp/127.0.0.1:{base}"]
+    # With a base port, a stage that is told where to listen is taken for a second instance.
+    assert told["base_port"] == ["0"]
+    after = [f"tcp/{stage}:{base + PORT_ORDER.index(stage)}" for stage in STAGES[1:]]
+    assert told["connect"] == [*after, _shared()["ZLOAM_CONNECT"]]
+    others = [r for r in _listed("base") if r["kind"] == "Deployment"]
+    assert not any(r["spec"]["template"]["spec"].get("hostNetwork") for r in others)
