@@ -13,6 +13,7 @@ import pytest
 from tests.integration.conftest import ROOT
 
 VERSIONED = (
+    ".gitignore",
     "CMakeLists.txt",
     "CHANGELOG.md",
     "deploy/docker/Dockerfile",
@@ -33,10 +34,16 @@ def change(path: Path, pattern: str, to: str) -> None:
     path.write_text(changed)
 
 
+def configured(checkout: Path, source: str) -> None:
+    """Makes the build folder one of the sources there; empty: of none."""
+    cache = f"CMAKE_HOME_DIRECTORY:INTERNAL={source}\n" if source else ""
+    (checkout / "build/CMakeCache.txt").write_text(cache)
+
+
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """A repository with the files that the script reads. The packing script is missing in it:
-    reaching that step would end with 127."""
+    """A repository with the files that the script reads, and its build folder. The packing script
+    is missing in it: reaching that step would end with 127."""
     for name in VERSIONED:
         place = tmp_path / name
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -46,6 +53,8 @@ def checkout(tmp_path: Path) -> Path:
     for folder in ("schemas", "schemas/.released"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "sweep.fbs").write_text("table Sweep {}\n")
+    (tmp_path / "build").mkdir()
+    configured(tmp_path, str(tmp_path))
     git(tmp_path, "init", "--quiet")
     git(tmp_path, "add", ".")
     git(tmp_path, "commit", "--quiet", "--message", "Begin")
@@ -53,8 +62,13 @@ def checkout(tmp_path: Path) -> Path:
 
 
 def released(checkout: Path, *words: str) -> tuple[int, str]:
+    tools = checkout / "build/tools"
+    tools.mkdir(exist_ok=True)
+    (tools / "cmake").write_text('#!/bin/sh\necho "cmake $*"\n')
+    (tools / "cmake").chmod(0o755)
     done = subprocess.run(
         [checkout / "deploy/build/release.sh", *words, "build", "out"],
+        env={**os.environ, "PATH": f"{tools}:{os.environ['PATH']}"},
         capture_output=True,
         text=True,
         check=False,
@@ -117,6 +131,62 @@ def test_what_is_not_ready_is_refused(
 def test_what_is_ready_goes_on_to_the_packages(checkout: Path) -> None:
     code, said = released(checkout)
     assert (code, "packages.sh" in said) == (127, True), said
+
+
+def packing(checkout: Path, what: str) -> None:
+    """Adds stand-ins for what packs; the packing script does `what`."""
+    pip, python = "build/packaging/bin/pip", "build/packaging/bin/python"
+    made = "mkdir -p out && touch out/a.whl out/a.deb out/a.cdx.json"
+    for name, does in (("deploy/build/packages.sh", f"{made}; {what}"), (pip, ""), (python, "")):
+        (checkout / name).parent.mkdir(parents=True, exist_ok=True)
+        (checkout / name).write_text(f"#!/bin/sh\necho {name}\n{does}\n")
+        (checkout / name).chmod(0o755)
+    git(checkout, "add", ".")
+    git(checkout, "commit", "--quiet", "--message", "Pack")
+
+
+def tags(checkout: Path) -> list[str]:
+    done = subprocess.run(
+        ["git", "-C", checkout, "tag", "--points-at", "HEAD"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.split()
+
+
+def test_what_is_tagged_is_built_before_it_is_packed(
+    checkout: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Packages of an earlier build would bear the new version."""
+    for who in ("AUTHOR", "COMMITTER"):
+        monkeypatch.setenv(f"GIT_{who}_NAME", "test")
+        monkeypatch.setenv(f"GIT_{who}_EMAIL", "test@localhost")
+    packing(checkout, "")
+    code, said = released(checkout)
+    assert code == 0, said
+    steps = [line for line in said.splitlines() if line.startswith(("cmake --build", "deploy/"))]
+    assert [step.split()[0] for step in steps] == ["cmake", "deploy/build/packages.sh"]
+    assert " --target programs zloam-graph zloam-sessions zloam-calibrate" in steps[0]
+    assert len(tags(checkout)) == 1
+
+
+@pytest.mark.parametrize("meanwhile", ["touch more", "git checkout -q --detach HEAD~1"])
+def test_a_checkout_that_changes_while_it_is_built_is_not_tagged(
+    checkout: Path, meanwhile: str
+) -> None:
+    packing(checkout, meanwhile)
+    code, said = released(checkout)
+    assert (code, "has changed since its build began" in said) == (1, True), said
+    assert tags(checkout) == []
+
+
+@pytest.mark.parametrize("source", ["/elsewhere", ""])
+def test_a_build_of_another_checkout_is_refused(checkout: Path, source: str) -> None:
+    configured(checkout, source)
+    code, said = released(checkout)
+    words = f"build is a build of {source or 'nothing'}, not of this checkout"
+    assert (code, words in said, "packages.sh" in said) == (1, True, False), said
 
 
 def test_nothing_of_an_earlier_release_is_left_among_the_packages(checkout: Path) -> None:
