@@ -119,6 +119,17 @@ def test_beside_a_live_robot_a_layer_s_services_can_last_as_long(layer: str) -> 
     assert lasting(found)
 
 
+@pytest.mark.parametrize("layer", ["standby", "replicas", "secured", "aloam"])
+def test_on_top_of_a_live_robot_a_layer_leaves_its_restarts(layer: str) -> None:
+    assert "restart:" not in (ROOT / f"deploy/compose/{layer}.yml").read_text()
+
+
+def test_who_names_a_robot_s_layers_reads_how_all_of_them_return() -> None:
+    for file in (".env", "deploy/README.md"):
+        _, _, after = (ROOT / file).read_text().partition("On a robot")
+        assert "ZLOAM_RESTART" in after[:300], file
+
+
 def test_systemd_leaves_the_stages_to_zloam_run() -> None:
     """By default it would send SIGTERM to the stages, too: then zloam run's own SIGTERM is their
     second, at which a stage ends at once and loses what it has not written."""
