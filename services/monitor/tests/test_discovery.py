@@ -204,6 +204,53 @@ def test_two_robots_with_standbys_are_two(monkeypatch: pytest.MonkeyPatch) -> No
         discovery.choose(None, [first, second])
 
 
+def of_car(endpoint: str, *pids: int) -> discovery.Found:
+    """A robot with standbys, with one instance of each other kind for each pid."""
+    own = [(stage, f"host-{pid}") for pid in pids for stage in ("driver", "mapping")]
+    return discovery.Found("car", endpoint, (*own, ("mapping", "mapping-standby")))
+
+
+def test_two_robots_of_one_name_are_two(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The names of their standbys are the same, too: only the first was shown."""
+    first, second = endpoint_of("a:1"), endpoint_of("b:2")
+    answers = {first: [of_car(first, 1)], second: [of_car(second, 2)]}
+    monkeypatch.setattr(discovery, "ask", lambda endpoint, _: answers[endpoint])
+    assert len(discovery.robots([first, second])) == 2
+    assert len(discovery.robots([first, first])) == 1
+    both = ["--connect", first, "--connect", second]
+    named = "2 robots are named car: give each a name of its own (robot in its file)"
+    assert cli.main(["robots", *both]) == 0
+    assert named in capsys.readouterr().err
+    for command in (["status"], ["watch"], ["doctor"], ["status", "--robot", "car"]):
+        assert cli.main([*command, *both]) == 1
+        said = capsys.readouterr().err
+        assert named in said
+        assert "say which by --connect:" in said
+        assert f"robot car at {second}" in said
+
+
+def test_two_robots_of_one_name_in_one_network_are_told() -> None:
+    (text,) = discovery.namesakes([of_car("tcp/a:1", 1, 2)])
+    assert text.startswith("robot car has 2 drivers (host-1, host-2): stop one; if they are of two")
+    assert discovery.namesakes([of_car("tcp/a:1", 1)]) == []
+
+
+def test_it_is_told_when_a_command_connects(capsys: pytest.CaptureFixture[str]) -> None:
+    where = f"tcp/127.0.0.1:{free_port()}"
+    with opened("router", listen=[where]), opened("peer", listen=[], connect=[where]) as stage:
+        tokens = [
+            stage.liveliness().declare_token(f"loam/car/service/driver/driver-{n}/alive")
+            for n in (1, 2)
+        ]
+        with discovery.linked(None, [where], newest=0):
+            said = capsys.readouterr().err
+        assert len(tokens) == 2
+    assert "connected to robot car" in said
+    assert "robot car has 2 drivers (driver-1, driver-2)" in said
+
+
 @pytest.mark.parametrize(
     "endpoint", ["tcp/10.0.0.5:7464", "tcp/127.0.0.1:7464#iface=lo", "unixsock-stream/tmp/zenoh"]
 )

@@ -16,7 +16,7 @@ from zloam_monitor.link import Link, open_session
 from zloam_monitor.ports import Ports
 from zloam_monitor.processes import Processes, free_base_port, free_port
 from zloam_monitor.records import StatusRecord
-from zloam_monitor.stages import CONFIGURED, STAGES
+from zloam_monitor.stages import CONFIGURED, STAGES, standby_of
 
 if TYPE_CHECKING:
     from typing import Self
@@ -166,7 +166,7 @@ class Chain:
         """Starts a standby of each stage that can have one (recovery.standby). To restart a
         standby, call start() with its name."""
         for stage in STOOD_BY:
-            name = f"{stage}-standby"
+            name = standby_of(stage)
             self._commands[name] = self._command_as(stage, name)
             self.start(name)
 

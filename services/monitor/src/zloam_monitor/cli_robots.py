@@ -25,6 +25,8 @@ def robots(connect: common.Connect = None, as_json: common.Json = False) -> int:
 
     found = discovery.present(common.endpoints(connect))
     answers.give(as_json, {"robots": found}, map(str, found))
+    for text in discovery.namesakes(found):
+        common.said(f"robots: {text}")
     return 0
 
 

@@ -12,6 +12,7 @@ import socket
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from typing import Any
 from zloam_monitor.failures import Explained, Misuse
 from zloam_monitor.keys import Keys, name_error
 from zloam_monitor.link import Link, LinkError, open_client, open_session
-from zloam_monitor.stages import STAGES
+from zloam_monitor.stages import STAGES, standby_of
 
 HOST = "127.0.0.1"
 #: Port of integration, and of the router in docker-compose.yml.
@@ -35,6 +36,7 @@ ANSWER_SECONDS = 2.0
 FAR_SECONDS = 15.0
 #: After the first stage has answered, the others of its robot are heard within this time.
 SIBLING_SECONDS = 0.6
+OWN_NAME = "give each a name of its own (robot in its file)"
 _ENDPOINT = re.compile(
     r"^(?P<protocol>[a-z][a-z0-9_-]*)/(?P<address>.+):(?P<port>\d+)(?P<rest>[?#].*)?$"
 )
@@ -65,6 +67,12 @@ class Found:
         heard = {stage for stage, _ in self.instances}
         known = [stage for stage in STAGES if stage in heard]
         return known + sorted(heard - set(known))
+
+    @property
+    def own(self) -> set[tuple[str, str, str]]:
+        """(robot, stage, instance) of what no other robot has; standbys have one name in all."""
+        named = [each for each in self.instances if each[1] != standby_of(each[0])]
+        return {(self.robot, stage, instance) for stage, instance in named or self.instances}
 
     def __str__(self) -> str:
         return f"robot {self.robot} at {self.endpoint} ({', '.join(self.stages)})"
@@ -231,16 +239,32 @@ def _opened(endpoint: str) -> tuple[Any, bool]:
 def robots(endpoints: Sequence[str] = ()) -> list[Found]:
     """All robots that are found, each once; without endpoints: on this machine."""
     found: list[Found] = []
-    # With the robot's name, because standbys have the same instance names in every robot.
     known: set[tuple[str, str, str]] = set()
     seconds = FAR_SECONDS if endpoints else ANSWER_SECONDS
     for endpoint in [endpoint_of(each) for each in endpoints] or candidates():
         for each in ask(endpoint, seconds) if not _is_known(endpoint, known) else []:
-            instances = {(each.robot, stage, instance) for stage, instance in each.instances}
-            if not known & instances:
+            if not known & each.own:
                 found.append(each)
-            known |= instances
+            known |= each.own
     return found
+
+
+def namesakes(found: Iterable[Found]) -> list[str]:
+    """Texts about robots of one name: in networks of their own, or in one."""
+    found = list(found)
+    texts = [
+        f"{number} robots are named {name}: {OWN_NAME}"
+        for name, number in Counter(each.robot for each in found).items()
+        if number > 1
+    ]
+    for each in found:
+        drivers = [instance for stage, instance in each.instances if stage == "driver"]
+        if len(drivers) > 1:
+            texts.append(
+                f"robot {each.robot} has {len(drivers)} drivers ({', '.join(drivers)}): stop one; "
+                f"if they are of two robots, {OWN_NAME}"
+            )
+    return texts
 
 
 def _is_known(endpoint: str, instances: set[tuple[str, str, str]]) -> bool:
@@ -282,7 +306,10 @@ def choose(robot: str | None, endpoints: Sequence[str] = ()) -> Found:
     listed = "\n".join(f"  {each}" for each in found)
     if not meant:
         raise NothingAnswers(f"robot {robot} does not answer; these do:\n{listed}")
-    raise NothingAnswers(f"several robots answer; say which by --robot or --connect:\n{listed}")
+    # A name that several have does not say which.
+    ways = "--robot or --connect" if robot is None and not namesakes(meant) else "--connect"
+    said = "".join(f"{text}\n" for text in namesakes(meant))
+    raise NothingAnswers(f"{said}several robots answer; say which by {ways}:\n{listed}")
 
 
 def present(endpoints: Sequence[str] = ()) -> list[Found]:
@@ -304,7 +331,7 @@ def linked(
     """A link to the one robot that matches, which is printed. The link keeps the `newest` poses,
     by default all."""
     found = choose(robot, endpoints)
-    print(f"connected to {found}", file=sys.stderr, flush=True)
+    print(f"connected to {found}", *namesakes([found]), sep="\n", file=sys.stderr, flush=True)
     with linked_to(found, newest, thin) as link:
         yield link
 

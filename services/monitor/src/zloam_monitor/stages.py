@@ -51,6 +51,11 @@ def _pose_path() -> tuple[str, ...]:
     return tuple(row.name for row in reversed(path))
 
 
+def standby_of(stage: str) -> str:
+    """Name of the standby that `zloam run --standby` starts: the same in every robot."""
+    return f"{stage}-standby"
+
+
 #: Name -> row, in the order of the data flow.
 ROWS = _rows()
 #: Order of the ports: stage i listens on base port + i.

@@ -48,12 +48,17 @@ class Robots:
     def __init__(self, endpoints: Sequence[str], thin: bool = False) -> None:
         self._endpoints, self._thin = endpoints, thin
         self._shown: dict[str, _Shown] = {}
-        for each in discovery.present(endpoints):
+        found = discovery.present(endpoints)
+        #: Texts about robots of one name, of which the page shows one.
+        self.namesakes = discovery.namesakes(found)
+        for each in found:
             self._add(each)
 
     def search(self) -> None:
         """Searches again, and adds new robots, and those that were started again elsewhere."""
-        for each in discovery.robots([discovery.endpoint_of(each) for each in self._endpoints]):
+        found = discovery.robots([discovery.endpoint_of(each) for each in self._endpoints])
+        self.namesakes = discovery.namesakes(found)
+        for each in found:
             # A robot may have vanished since the search; the others are still shown.
             with suppress(LinkError):
                 self._add(each)
@@ -157,6 +162,7 @@ def serve(
     thread.start()
     searched = time.monotonic()
     said: list[str] = []
+    namesakes: list[str] = []
     try:
         with ending.until_told(seconds) as goes_on:
             where, whom = f"http://{address}:{server.server_port}/", ", ".join(robots.names())
@@ -166,6 +172,10 @@ def serve(
                 if (silences := robots.silences()) != said:
                     said = silences
                     print("\n".join(said) or "the preview comes", file=sys.stderr, flush=True)
+                if robots.namesakes != namesakes:
+                    namesakes = robots.namesakes
+                    for text in namesakes:
+                        print(f"the page shows one of them: {text}", file=sys.stderr, flush=True)
                 if time.monotonic() - searched > SEARCH_SECONDS:
                     robots.search()
                     searched = time.monotonic()
