@@ -1,0 +1,82 @@
+// A reader refuses what an instance publishes after another one has taken over from it.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "common/runtime/tests/support.hpp"
+
+namespace zloam::runtime {
+namespace {
+
+using test::kKeys;
+using test::kPatience;
+using test::Network;
+using test::RunningStage;
+using test::setup;
+using test::sweep_header;
+using test::wait_for_reader;
+using test::Watched;
+
+/// Publishes odometry to a stage that reads it.
+struct Fenced {
+  void put(std::uint64_t run, std::uint64_t sweep, std::uint32_t term) {
+    HeaderFields h = sweep_header(run, sweep, true);
+    h.term = term;
+    out.put(zenoh::Bytes::own(build(h, OdometryFields{})));
+  }
+  /// Publishes it again until `count` messages were taken.
+  bool is_taken(std::uint64_t run, std::uint64_t sweep, std::uint32_t term, std::size_t count) {
+    const auto until = std::chrono::steady_clock::now() + kPatience;
+    while (seen.get().size() < count && std::chrono::steady_clock::now() < until) {
+      put(run, sweep, term);
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    return seen.get().size() >= count;
+  }
+  std::uint64_t dropped(Drop reason) {
+    return reader->accounts().at(0).dropped[static_cast<std::size_t>(reason)];
+  }
+
+  Network network{2};
+  Watched<std::vector<std::uint64_t>> seen;
+  RunningStage reader{network.open(0), setup("integration"), [this](Stage& stage) {
+                        stage.inlet<msg::Odometry>(
+                            Key::kOdometry, {}, [this](const Received<msg::Odometry>& odometry) {
+                              seen.change([&](auto& all) { all.push_back(odometry.sweep()); });
+                            });
+                      }};
+  zenoh::Session source = network.open(1);
+  zenoh::Publisher out = [this] {
+    zenoh::PublisherOptions options;
+    options.encoding = encoding_of(Key::kOdometry);
+    return source.declare_publisher(kKeys.of(Key::kOdometry), options);
+  }();
+};
+
+TEST(Fencing, WhoWasOvertakenAndDoesNotKnowItIsFenced) {
+  Fenced f;
+  wait_for_reader(f.out);
+  f.put(1, 0, 1);
+  f.put(1, 1, 2);
+  f.put(1, 2, 1);
+  f.put(1, 2, 2);
+  f.put(1, 3, 2);
+  ASSERT_TRUE(f.seen.wait([](const auto& list) { return list.size() == 4; }));
+  EXPECT_THAT(f.seen.get(), testing::ElementsAre(0, 1, 2, 3));
+  EXPECT_EQ(f.dropped(Drop::kFenced), 1U);
+  EXPECT_EQ(f.dropped(Drop::kDuplicate), 0U);
+}
+
+// A driver that took over, and is restarted: it is alone, so it begins at term 1 again.
+TEST(Fencing, TheNextRunIsNotFencedByTheTermsOfTheLast) {
+  Fenced f;
+  wait_for_reader(f.out);
+  auto token = f.source.declare_liveliness_token(kKeys.run("d", "1"));
+  ASSERT_TRUE(f.is_taken(1, 0, 2, 1));
+  token = f.source.declare_liveliness_token(kKeys.run("d", "2"));
+  ASSERT_TRUE(f.is_taken(2, 0, 1, 2));
+  EXPECT_EQ(f.dropped(Drop::kFenced), 0U);
+}
+
+}  // namespace
+}  // namespace zloam::runtime
