@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +12,10 @@ import zenoh
 from zloam_monitor import compose, messages
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link
+from zloam_monitor.records import SERVICE_HEALTH
+
+#: Longer than what a recording's file collects before it writes.
+LONG_BYTES = 5 << 20
 
 
 def reply(key: str, payload: bytes) -> Any:
@@ -59,6 +64,17 @@ class FakeSession:
         for expression, read in self.subscribers.items():
             if zenoh.KeyExpr(expression).intersects(zenoh.KeyExpr(key)):
                 read(reply(key, payload).ok)
+
+    def publish_long_pose(self, number: int) -> bytes:
+        """Publishes random bytes as a pose; returns them."""
+        data = random.Random(number).randbytes(LONG_BYTES)
+        self.publish(self.keys.pose, data)
+        return data
+
+    def publish_status(self, stage: str, at_ns: int = 1, health: str = "ready") -> None:
+        key = self.config_key(stage).replace("/config", "/status")
+        number = SERVICE_HEALTH.index(health)
+        self.publish(key, compose.status(stage, at_ns, 1, None, [], {}, health=number))
 
 
 def needs_schemas() -> None:

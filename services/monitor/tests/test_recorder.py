@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import itertools
-import random
 import re
 import resource
-import threading
 import time
 from pathlib import Path
 
@@ -20,12 +18,9 @@ from zloam_monitor import compose, doctor_files, intake, link, messages, recorde
 from zloam_monitor.mcap_file import McapFile, RecordingError
 from zloam_monitor.recorder import Options, Recorder
 from zloam_monitor.recordings.robot_log import RobotLog
-from zloam_monitor.records import SERVICE_HEALTH
 from zloam_monitor.stages import STAGES
 
 MIB = 1 << 20
-#: Longer than what the file collects before it writes.
-LONG_BYTES = 5 * MIB
 ABOUT = {"robot": "r", "sensor": "lidar", "version": "0.1.0"}
 
 
@@ -42,12 +37,6 @@ def session() -> FakeSession:
 
 def recording(session: FakeSession, path: Path) -> Recorder:
     return Recorder(linked(session), Options(path, scene=False, split_bytes=MIB))
-
-
-def publish(session: FakeSession, number: int) -> bytes:
-    data = random.Random(number).randbytes(LONG_BYTES)
-    session.publish(session.keys.pose, data)
-    return data
 
 
 def published_keys() -> list[str]:
@@ -92,7 +81,7 @@ def test_each_part_can_be_understood_alone(session: FakeSession, tmp_path: Path)
     made.settle()
     sent = []
     for n in range(3):
-        sent.append(publish(session, n))
+        sent.append(session.publish_long_pose(n))
         made.poll()
     made.close()
     names = ["run.mcap", "run_2.mcap", "run_3.mcap", "run_4.mcap"]
@@ -112,55 +101,13 @@ def test_each_part_can_be_understood_alone(session: FakeSession, tmp_path: Path)
 def test_a_name_that_is_taken_meanwhile_ends_it_well(session: FakeSession, tmp_path: Path) -> None:
     made = recording(session, tmp_path / "run.mcap")
     (tmp_path / "run_2.mcap").write_text("precious")
-    sent = publish(session, 1)
+    sent = session.publish_long_pose(1)
     with pytest.raises(RecordingError, match=r"run_2\.mcap is there already"):
         made.poll()
     made.close()
     made.close()  # A second time it does nothing.
     assert [data for _, data in contents(tmp_path / "run.mcap")] == [sent]
     assert (tmp_path / "run_2.mcap").read_text() == "precious"
-
-
-def test_a_run_beside_it_is_told_at_its_end(session: FakeSession, tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    with recorder.beside(linked(session), path) as beside:
-        assert beside is not None
-        beside._recorder.options = Options(path, scene=False, split_bytes=MIB)
-        (tmp_path / "run_2.mcap").write_text("precious")
-        beside.begin()
-        publish(session, 1)
-        while beside._thread.is_alive():
-            beside._thread.join(0.1)
-        (lack,) = beside.end()
-    assert "run_2.mcap is there already" in lack
-    assert beside.end() == [lack]
-
-
-def test_statuses_keep_no_run_waiting(session: FakeSession, tmp_path: Path) -> None:
-    """Several stages' may always come at intervals of less than 0.2 s."""
-    ends, waited = threading.Event(), threading.Event()
-
-    def speak() -> None:
-        while not ends.wait(0.02):
-            publish_status(session, "odometry", health="stopping")
-
-    with recorder.beside(linked(session), tmp_path / "run.mcap") as beside:
-        assert beside is not None
-        beside.begin()
-
-        def catch_up() -> None:
-            beside.catch_up()
-            waited.set()
-
-        threads = [threading.Thread(target=each) for each in (speak, catch_up)]
-        for each in threads:
-            each.start()
-        has_ended = waited.wait(20.0)
-        ends.set()
-        for each in threads:
-            each.join()
-        beside.end()
-    assert has_ended
 
 
 def test_a_part_of_an_earlier_recording_is_refused_at_once(
@@ -230,12 +177,6 @@ def test_messages_that_never_came_are_told(
     assert noted["zloam.dropped"] == {"loam/robot/pose": "3"}
 
 
-def publish_status(session: FakeSession, stage: str, at_ns: int = 1, health: str = "ready") -> None:
-    key = session.config_key(stage).replace("/config", "/status")
-    number = SERVICE_HEALTH.index(health)
-    session.publish(key, compose.status(stage, at_ns, 1, None, [], {}, health=number))
-
-
 def test_the_configuration_of_a_stage_that_starts_later_is_in_every_part(
     session: FakeSession, tmp_path: Path
 ) -> None:
@@ -250,9 +191,9 @@ def test_the_configuration_of_a_stage_that_starts_later_is_in_every_part(
         [compose.config("integration", {"integration.e": 3})],
     ]
     for _ in range(3):
-        publish_status(session, "integration")
+        session.publish_status("integration")
         made.poll()
-    publish(session, 1)
+    session.publish_long_pose(1)
     made.poll()
     made.close()
     assert [stages(p) for p in made.parts] == [["integration", "mapping", "odometry"]] * 2
@@ -284,10 +225,10 @@ def test_only_a_stage_that_works_lacks_its_configuration(
 ) -> None:
     made = recording(session, tmp_path / "run.mcap")
     made.settle()
-    publish_status(session, "registration", health="starting")  # So does a standby, which has none.
+    session.publish_status("registration", health="starting")  # So does a standby, which has none.
     made.poll()
     assert made.lacks() == []
-    publish_status(session, "integration")
+    session.publish_status("integration")
     made.close()
     (lack,) = made.lacks()
     assert "the configuration of integration/integration-1 is missing in" in lack
@@ -297,7 +238,7 @@ def test_an_answer_at_the_last_moment_is_recorded(session: FakeSession, tmp_path
     made = recording(session, tmp_path / "run.mcap")
     made.settle()
     session.rounds[session.config_key("integration")] = [[], [compose.config("integration", {})]]
-    publish_status(session, "integration")
+    session.publish_status("integration")
     made.close()
     assert stages(made.parts[0]) == ["integration", "mapping", "odometry"]
     assert made.lacks() == []
@@ -314,7 +255,7 @@ def test_a_step_of_the_clock_makes_no_stage_silent(
     for n, stage in enumerate((*STAGES, *STAGES)):
         if n == len(STAGES) // 2:
             monkeypatch.setattr("zloam_monitor.intake.time.time_ns", lambda: stepped_ns)
-        publish_status(session, stage, at_ns=n)
+        session.publish_status(stage, at_ns=n)
     made.close()
     assert RobotLog(path).extent().seconds < 60
     assert not [f for f in doctor_files.of_recording(path) if "is not there" in f.what]
@@ -336,9 +277,9 @@ def test_an_end_without_messages_is_told(
     now_s = 100
     monkeypatch.setattr(intake.Clock, "now_ns", lambda _: now_s * 10**9)
     made = recording(session, tmp_path / "run.mcap")
-    publish_status(session, "odometry")
+    session.publish_status("odometry")
     now_s += 20
-    publish_status(session, "mapping", health=health)
+    session.publish_status("mapping", health=health)
     made.poll()
     now_s += silent_s
     made.close()

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import beside_run, outputs, recorder, references, remarks, report
+from zloam_monitor import beside_run, outputs, references, remarks, report, run_recording
 from zloam_monitor.chain import Chain, ChainError
 from zloam_monitor.claims import Claim
 from zloam_monitor.ports import Ports
@@ -147,7 +147,7 @@ def _heard(options: DemoOptions, claim: Claim) -> Run:
         replay=True,
     )
     # The chain opens its session when it is constructed, so it must be closed even if not entered.
-    with closing(chain), recorder.beside(chain.link, options.record) as recording, chain:
+    with closing(chain), run_recording.beside(chain.link, options.record) as recording, chain:
         chain.wait_ready()
         if recording:
             recording.begin()

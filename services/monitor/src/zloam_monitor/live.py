@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import ending, outputs, recorder, remarks
+from zloam_monitor import ending, outputs, remarks, run_recording
 from zloam_monitor.chain import Chain
 from zloam_monitor.claims import Claim
 from zloam_monitor.link import Link
@@ -149,7 +149,7 @@ def _heard(options: LiveOptions, claim: Claim) -> Run:
         beside=options.beside,
     )
     # The chain opens its session when it is constructed, so it must be closed even if not entered.
-    with closing(chain), recorder.beside(chain.link, options.record) as recording, chain:
+    with closing(chain), run_recording.beside(chain.link, options.record) as recording, chain:
         chain.wait_ready()
         if options.standby:
             chain.start_standbys()

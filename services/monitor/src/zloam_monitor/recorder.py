@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import queue
 import secrets
-import threading
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -63,8 +62,6 @@ DERIVED = (
 WITHOUT_CONFIG = ("starting", "stopping")
 #: Health of an instance that says by itself that nothing more comes of it.
 ENDING = ("stopping", "failed")
-#: What a thread that records may raise; a run beside it goes on, and reports it at its end.
-FAILURES = (RecordingError, OSError, ValueError)
 
 
 @dataclass(frozen=True)
@@ -376,65 +373,6 @@ def _told(file: McapFile) -> Iterator[None]:
             f"{file.path}: {reason(error)}: the recording ends here; what was written up to half a "
             "second before is whole. The robot goes on"
         ) from error
-
-
-class Beside:
-    """A recorder with a thread of its own, for a run in the same process."""
-
-    def __init__(self, link: Link, path: Path) -> None:
-        self._recorder = Recorder(link, Options(path))
-        self._ends = threading.Event()
-        self._error: Exception | None = None
-        self._thread = threading.Thread(target=self._run)
-
-    def begin(self) -> None:
-        """Queries the configuration and starts writing; messages received before are buffered."""
-        self._recorder.settle()
-        self._thread.start()
-
-    def _run(self) -> None:
-        try:
-            while not self._ends.is_set():
-                self._recorder.poll(0.2)
-        except FAILURES as error:
-            self._error = error
-            self._recorder.give_up()
-
-    def catch_up(self) -> None:
-        """Waits until all that has come is written: while messages wait here, further ones of a
-        replay wait at their publishers, and would be lost with them."""
-        while self._thread.is_alive() and not self._recorder.has_all(0.2):
-            time.sleep(0.05)
-
-    def end(self) -> list[str]:
-        """Ends the recording; returns texts about what is missing, none if it is complete."""
-        self._ends.set()
-        if self._thread.is_alive():
-            self._thread.join()
-        try:
-            self._recorder.close()
-        except FAILURES as error:
-            self._error = self._error or error
-        return [*self._failed(), *self._recorder.lacks()]
-
-    def _failed(self) -> list[str]:
-        if self._error is None or isinstance(self._error, RecordingError):
-            return [str(self._error)] if self._error else []
-        return [f"{self._recorder.parts[-1]}: the recording ended early: {self._error}"]
-
-
-@contextlib.contextmanager
-def beside(link: Link, path: Path | None) -> Iterator[Beside | None]:
-    """Yields a recorder, which ends if the block raises; otherwise the block calls its end()."""
-    if path is None:
-        yield None
-        return
-    recording = Beside(link, path)
-    try:
-        yield recording
-    except BaseException:
-        recording.end()
-        raise
 
 
 def record(link: Link, options: Options, seconds: float | None) -> int:
