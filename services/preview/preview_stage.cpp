@@ -14,9 +14,6 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr std::size_t kNewestTiles = 4096;
-constexpr milliseconds kTilesWithin{10'000};
-// Ask again after this long without tiles: while a link is not up yet, the answer is empty.
-constexpr std::int64_t kAskAgain_ns = 2'000'000'000;
 // Padding within the message for the alignment of the vectors.
 constexpr std::size_t kPadding_bytes = 32;
 
@@ -33,6 +30,7 @@ PreviewStage::PreviewStage(runtime::Stage& stage)
     : stage_(stage),
       out_(stage.outlet(Key::kPreview)),
       tiles_(stage.session(), stage.keys().all_tiles(), kNewestTiles),
+      all_tiles_(stage, "the preview"),
       pace_(kLeastPeriod_ns) {
   runtime::InletOptions options;
   options.order = runtime::Order::kAsTheyCome;
@@ -42,7 +40,7 @@ PreviewStage::PreviewStage(runtime::Stage& stage)
   stage.inlet<msg::MapPose>(Key::kMapOdometry, options,
                             [this](const PoseMessage& m) { take_mapped(m); });
   // Tiles may be dropped on the way, so all are requested again at the end of a run.
-  stage.on_end_of_run([this](std::uint64_t) { asking_.want(); });
+  stage.on_end_of_run([this](std::uint64_t) { all_tiles_.want(); });
   stage.every(milliseconds(kPeriod_ms), [this] { every_period(); });
 }
 
@@ -71,7 +69,7 @@ void PreviewStage::begin_map(std::uint64_t map_id) {
   map_id_ = map_id;
   ++epoch_;
   preview_.clear();
-  asking_.want();
+  all_tiles_.want();
 }
 
 void PreviewStage::take_tile(const zenoh::Sample& sample) {
@@ -88,28 +86,11 @@ void PreviewStage::take_tile(const zenoh::Sample& sample) {
 }
 
 void PreviewStage::take_tiles() {
-  if (const auto asked = all_tiles_.take()) {
-    for (const zenoh::Sample& sample : *asked) take_tile(sample);
-    const std::string& error = all_tiles_.error();
-    asking_.answered(error.empty(), runtime::steady_ns());
-    stage_.degraded("tiles", error.empty() ? std::string()
-                                           : "not all tiles of the map came (" + error +
-                                                 "): the preview may lack parts; it asks again");
-  }
+  for (const zenoh::Sample& sample : all_tiles_.take()) take_tile(sample);
   for (const zenoh::Sample& sample : tiles_.take()) take_tile(sample);
   stage_.degraded("map", preview_.full() ? "the preview shows " + std::to_string(kMostBlocks) +
                                                " blocks of the map; there are more"
                                          : std::string());
-}
-
-// Requests the existing tiles; changes arrive by subscription.
-void PreviewStage::ask_for_all() {
-  const std::int64_t now_ns = runtime::steady_ns();
-  const bool nothing_came = preview_.blocks() == 0 && now_ns - asked_ns_ > kAskAgain_ns;
-  if (all_tiles_.started() || !(asking_.due(now_ns) || nothing_came)) return;
-  asking_.asked();
-  asked_ns_ = now_ns;
-  all_tiles_.start(stage_.session(), stage_.keys().all_tiles(), kTilesWithin, bell_);
 }
 
 // Without a subscriber, no tiles are requested and nothing is computed.
@@ -117,12 +98,12 @@ void PreviewStage::every_period() {
   const bool wanted = out_.matching();
   if (tiles_.want(wanted)) {
     preview_.forget_sent();
-    asking_.want();
+    all_tiles_.want();
   }
   stage_.figure("has_reader", wanted ? 1.0 : 0.0);
   // It asks again when somebody reads it again.
-  if (!wanted) return stage_.degraded("tiles", "");
-  ask_for_all();
+  if (!wanted) return all_tiles_.no_reader();
+  all_tiles_.ask(preview_.blocks() == 0);
   take_tiles();
   if (pace_.may_send(runtime::steady_ns())) say();
 }

@@ -3,12 +3,10 @@
 // map's tiles; publishes key preview some times a second.
 
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <string>
 
-#include "common/runtime/ask_again.hpp"
-#include "common/runtime/async_get.hpp"
+#include "common/runtime/all_tiles.hpp"
 #include "common/runtime/on_demand.hpp"
 #include "common/runtime/stage.hpp"
 #include "preview/preview.hpp"
@@ -35,7 +33,6 @@ class PreviewStage {
   void take_tile(const zenoh::Sample& sample);
   void take_tiles();
   void begin_map(std::uint64_t map_id);
-  void ask_for_all();
   void every_period();
   void say();
   HeaderFields header() const;
@@ -44,15 +41,12 @@ class PreviewStage {
   runtime::Stage& stage_;
   runtime::Outlet& out_;
   runtime::OnDemand tiles_;
-  runtime::AsyncGet all_tiles_;
-  std::shared_ptr<runtime::Shared> bell_ = std::make_shared<runtime::Shared>();
+  runtime::AllTiles all_tiles_;
   Preview preview_;
   Pace pace_;
   std::optional<Newest> newest_;
   std::optional<std::uint64_t> map_id_;
   std::uint32_t epoch_ = 0;
-  runtime::AskAgain asking_;
-  std::int64_t asked_ns_ = 0;
 };
 
 }  // namespace zloam::preview

@@ -23,7 +23,6 @@ using std::chrono::milliseconds;
 // less often still.
 constexpr milliseconds kLook{20}, kSecond{1000};
 constexpr std::int64_t kMapPeriod_ns = 5'000'000'000;
-constexpr milliseconds kTilesWithin{10000};
 constexpr milliseconds kPlacedWithin{5000};
 // A stage publishes its status every second.
 constexpr std::int64_t kSilent_ns = 5'000'000'000;
@@ -78,6 +77,7 @@ RosStage::RosStage(runtime::Stage& stage, const RosConfig& config)
       statuses_(stage.session(), stage.keys().status("*", "*"), kNewestStatuses),
       readings_(kNewestReadings),
       places_(1),
+      all_tiles_(stage, "/map"),
       began_ns_(runtime::steady_ns()) {
   odometry_ = node_.publish(topic("odom"), kOdometryType, kReliable);
   pose_ = node_.publish(topic("pose"), kPoseType, kReliable);
@@ -144,7 +144,7 @@ void RosStage::begin_map(std::uint64_t map_id) {
   map_grew_ |= !map_tiles_.empty();
   map_tiles_.clear();
   stage_.degraded("map", {});
-  asking_tiles_.want();
+  all_tiles_.want();
 }
 
 void RosStage::take(const runtime::Received<msg::Odometry>& m) {
@@ -257,21 +257,11 @@ void RosStage::take_tile(const zenoh::Sample& sample) {
 // arrive by subscription.
 void RosStage::take_tiles() {
   const bool wanted = map_->matching();
-  if (tiles_.want(wanted)) asking_tiles_.want();
-  if (wanted && asking_tiles_.due(runtime::steady_ns()) && !all_tiles_.started()) {
-    asking_tiles_.asked();
-    all_tiles_.start(stage_.session(), stage_.keys().all_tiles(), kTilesWithin, bell_);
-  }
-  if (const auto asked = all_tiles_.take()) {
-    for (const zenoh::Sample& sample : *asked) take_tile(sample);
-    const std::string& error = all_tiles_.error();
-    asking_tiles_.answered(error.empty(), runtime::steady_ns());
-    stage_.degraded("tiles", error.empty() ? std::string()
-                                           : "not all tiles of the map came (" + error +
-                                                 "): /map may lack parts; it is asked again");
-  }
-  // They are asked for again when somebody reads /map again.
-  if (!wanted) stage_.degraded("tiles", "");
+  if (tiles_.want(wanted)) all_tiles_.want();
+  if (wanted) all_tiles_.ask();
+  for (const zenoh::Sample& sample : all_tiles_.take()) take_tile(sample);
+  // They are requested again when somebody reads /map again.
+  if (!wanted) all_tiles_.no_reader();
   for (const zenoh::Sample& sample : tiles_.take()) take_tile(sample);
 }
 

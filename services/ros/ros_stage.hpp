@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "common/runtime/ask_again.hpp"
+#include "common/runtime/all_tiles.hpp"
 #include "common/runtime/async_get.hpp"
 #include "common/runtime/on_demand.hpp"
 #include "common/runtime/stage.hpp"
@@ -76,7 +76,8 @@ class RosStage {
   runtime::OnDemand clouds_, tiles_, statuses_;
   runtime::Mailbox readings_, places_;
   Unusable unread_imu_;
-  runtime::AsyncGet all_tiles_, placing_;
+  runtime::AllTiles all_tiles_;
+  runtime::AsyncGet placing_;
   std::shared_ptr<runtime::Shared> bell_ = std::make_shared<runtime::Shared>();
 
   PoseTree tree_;
@@ -87,7 +88,6 @@ class RosStage {
   std::deque<zenoh::Sample> waiting_clouds_;
   std::map<std::string, Tile> map_tiles_;
   std::optional<std::uint64_t> map_id_;
-  runtime::AskAgain asking_tiles_;
   bool map_grew_ = false;
   std::int64_t last_map_ns_ = 0;
   std::map<std::string, Heard> heard_;
