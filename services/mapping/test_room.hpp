@@ -2,19 +2,20 @@
 // A world of boxes with exact truth for the tests: rays of a 16-ring sensor, and which of the hits
 // lie on an edge between two faces. Shares no code with what it tests.
 
+#include <algorithm>
 #include <cmath>
-#include <limits>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
+#include "common/geometry/test_box.hpp"
 
 namespace zloam::mapping::test {
 
-struct Box {
-  Eigen::Vector3d low, high;
-};
+using zloam::test::Box;
+using zloam::test::slab;
 
 struct Scan {
   PointVector edges;   // frame of the sensor
@@ -44,20 +45,6 @@ struct Room {
     }
     std::sort(to_face.data(), to_face.data() + 3);
     return {range, to_face[1]};
-  }
-
-  static std::pair<double, double> slab(const Box& box, const Eigen::Vector3d& from,
-                                        const Eigen::Vector3d& ray) {
-    double near = -std::numeric_limits<double>::infinity();
-    double far = std::numeric_limits<double>::infinity();
-    for (int a = 0; a < 3; ++a) {
-      const double inverse = 1.0 / (ray[a] == 0.0 ? 1e-12 : ray[a]);
-      const double t0 = (box.low[a] - from[a]) * inverse;
-      const double t1 = (box.high[a] - from[a]) * inverse;
-      near = std::max(near, std::min(t0, t1));
-      far = std::min(far, std::max(t0, t1));
-    }
-    return {near, far};
   }
 };
 

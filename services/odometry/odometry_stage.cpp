@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "common/runtime/recall.hpp"
+#include "common/runtime/replicas.hpp"
 #include "odometry/published_health.hpp"
 
 namespace zloam::odometry {
@@ -15,8 +16,6 @@ namespace {
 
 // Replicas of registration learn from the progress which sweeps are still to be processed.
 constexpr std::chrono::milliseconds kProgressPeriod{50};
-// The stage whose configuration revisions apply to the inputs.
-constexpr std::string_view kInputStage = "registration";
 
 // Number of wrong IMU predictions after which the status reports them.
 constexpr std::uint32_t kSuspicious = 3;
@@ -56,15 +55,10 @@ OdometryStage::OdometryStage(runtime::Stage& stage, const OdometryConfig& config
       features_(stage.outlet(Key::kOdometryFeatures)),
       sweep_(stage.outlet(Key::kOdometrySweep)),
       progress_(stage.outlet(Key::kProgress)) {
-  runtime::InletOptions options;
+  runtime::InletOptions options = runtime::from_replicas(stage, "registration");
   options.on_given_up = [this](std::uint64_t, std::uint64_t sweep, std::string_view) {
     // A sweep that was already caught up with after a restart may be dropped here once more.
     next_sweep_ = std::max(next_sweep_, sweep + 1);
-  };
-  // Any number of replicas; the first copy of a sweep is taken.
-  options.replicas = true;
-  options.admit = [&stage](const runtime::Message& features) {
-    return stage.revision_agrees(kInputStage, *features.header);
   };
   inlet_ = &stage.inlet<msg::Features>(Key::kFeatures, options,
                                        [this](const Features& features) { return take(features); });
@@ -211,16 +205,8 @@ void OdometryStage::publish_sweep(const Features& features, const OdometryResult
 }
 
 void OdometryStage::publish_progress(HeaderFields header) {
-  ProgressFields fields;
-  fields.run = last_header_.run;
-  fields.instance = stage_.identity().instance;
-  fields.next_sweep = next_sweep_;
-  const runtime::Arrivals arrivals = inlet_->arrivals();
-  fields.received_below = std::max(arrivals.received_below, next_sweep_);
-  fields.missing = arrivals.missing;
-  fields.seq = header.seq;
-  header.run = last_header_.run;
-  progress_.publish(header, build(fields));
+  runtime::publish_progress(stage_, progress_, *inlet_, std::move(header), last_header_.run,
+                            next_sweep_);
 }
 
 void OdometryStage::note_figures(const OdometryResult& result) {

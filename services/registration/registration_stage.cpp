@@ -7,6 +7,7 @@
 
 #include "common/runtime/fault.hpp"
 #include "common/runtime/recall.hpp"
+#include "common/runtime/replicas.hpp"
 #include "common/runtime/shared.hpp"
 
 namespace zloam::registration {
@@ -157,21 +158,11 @@ void RegistrationStage::publish_rejected(const Sweep& sweep, const RegistrationR
       header, build(header, RejectedFields{result.rejected, {reasons, result.reasons.size()}}));
 }
 
-/// An empty message tells odometry not to wait for a sweep that was dropped here. Only the replica
-/// that ranks first for the sweep sends it, as another one may have the sweep.
+/// Only the replica that ranks first for the sweep reports it, as another one may have the sweep.
 void RegistrationStage::publish_dropped(std::uint64_t run, std::uint64_t sweep) {
   hear_colleagues();
   if (!sharing_.first(run, sweep)) return;
-  HeaderFields header = features_.header(stage_.now_ns(), stage_.now_ns());
-  header.run = run;
-  header.sweep = sweep;
-  header.frame = "lidar";
-  header.stamp_ns = last_.stamp_ns;
-  // The driver's term, as in all features: a lower one would be rejected as that of a superseded
-  // instance.
-  header.term = last_.term;
-  header.config_rev = stage_.config_rev(run, sweep);
-  features_.publish(header, build(header, FeaturesFields{.health = Health::kDropped}));
+  runtime::publish_dropped(stage_, features_, last_, run, sweep);
 }
 
 }  // namespace zloam::registration

@@ -2,39 +2,23 @@
 // Sweeps of a 16-ring lidar in a furnished room, each ray cast from where the sensor is at its
 // time. Shares no code with what it tests.
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <random>
-#include <utility>
 #include <vector>
 
 #include "common/geometry/point.hpp"
 #include "common/geometry/se3.hpp"
+#include "common/geometry/test_box.hpp"
 
 namespace zloam::aloam::test {
 
 inline constexpr std::uint32_t kPeriod_ns = 100'000'000;
 inline constexpr int kColumns = 1800;
 
-struct Box {
-  Eigen::Vector3d low, high;
-};
-
-/// Where the ray enters and leaves the box.
-inline std::pair<double, double> slab(const Box& box, const Eigen::Vector3d& from,
-                                      const Eigen::Vector3d& ray) {
-  double near = -std::numeric_limits<double>::infinity();
-  double far = std::numeric_limits<double>::infinity();
-  for (int a = 0; a < 3; ++a) {
-    const double inverse = 1.0 / (ray[a] == 0.0 ? 1e-12 : ray[a]);
-    const double t0 = (box.low[a] - from[a]) * inverse;
-    const double t1 = (box.high[a] - from[a]) * inverse;
-    near = std::max(near, std::min(t0, t1));
-    far = std::min(far, std::max(t0, t1));
-  }
-  return {near, far};
-}
+using zloam::test::Box;
+using zloam::test::slab;
 
 /// 20 x 14 x 4 m with pillars and crates.
 inline double range_in_room(const Eigen::Vector3d& from, const Eigen::Vector3d& ray) {

@@ -9,6 +9,7 @@
 #include "aloam/core/scan_registration.hpp"
 #include "aloam/covariance.hpp"
 #include "common/runtime/recall.hpp"
+#include "common/runtime/replicas.hpp"
 
 namespace zloam::aloam {
 namespace {
@@ -48,13 +49,9 @@ OdometryStage::OdometryStage(runtime::Stage& stage, const AloamConfig& config)
       sweep_(stage.outlet(Key::kOdometrySweep)),
       progress_(stage.outlet(Key::kProgress)),
       deskew_(config.deskew) {
-  runtime::InletOptions options;
+  runtime::InletOptions options = runtime::from_replicas(stage, "registration");
   options.on_given_up = [this](std::uint64_t, std::uint64_t sweep, std::string_view) {
     next_sweep_ = std::max(next_sweep_, sweep + 1);
-  };
-  options.replicas = true;
-  options.admit = [&stage](const runtime::Message& features) {
-    return stage.revision_agrees("registration", *features.header);
   };
   inlet_ = &stage.inlet<msg::Features>(Key::kFeatures, options,
                                        [this](const Features& f) { return take(f); });
@@ -170,16 +167,8 @@ void OdometryStage::publish_features(const Features& features, const Located& lo
 }
 
 void OdometryStage::publish_progress(HeaderFields header) {
-  ProgressFields fields;
-  fields.run = last_header_.run;
-  fields.instance = stage_.identity().instance;
-  fields.next_sweep = next_sweep_;
-  const runtime::Arrivals arrivals = inlet_->arrivals();
-  fields.received_below = std::max(arrivals.received_below, next_sweep_);
-  fields.missing = arrivals.missing;
-  fields.seq = header.seq;
-  header.run = last_header_.run;
-  progress_.publish(header, build(fields));
+  runtime::publish_progress(stage_, progress_, *inlet_, std::move(header), last_header_.run,
+                            next_sweep_);
 }
 
 void OdometryStage::note_figures(const Located& located) {

@@ -1,6 +1,7 @@
 #include "aloam/registration/registration_stage.hpp"
 
 #include "aloam/core/scan_registration.hpp"
+#include "common/runtime/replicas.hpp"
 
 namespace zloam::aloam {
 namespace {
@@ -52,16 +53,7 @@ void RegistrationStage::process(const Sweep& sweep) {
 }
 
 void RegistrationStage::publish_dropped(std::uint64_t run, std::uint64_t sweep) {
-  HeaderFields header = features_.header(stage_.now_ns(), stage_.now_ns());
-  header.run = run;
-  header.sweep = sweep;
-  header.frame = "lidar";
-  header.stamp_ns = last_.stamp_ns;
-  // The driver's term, as in all features: a lower one would be rejected as that of a superseded
-  // instance.
-  header.term = last_.term;
-  header.config_rev = stage_.config_rev(run, sweep);
-  features_.publish(header, build(header, FeaturesFields{.health = Health::kDropped}));
+  runtime::publish_dropped(stage_, features_, last_, run, sweep);
 }
 
 }  // namespace zloam::aloam
