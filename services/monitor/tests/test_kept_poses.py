@@ -35,6 +35,7 @@ def pose(sweep: int) -> PoseRecord:
         weak_translation=(0.1, 0.2 * (sweep % 3), 0.0),
         covariance=tuple(float(sweep % 7 + i) / 64.0 for i in range(36 * (sweep % 4 > 0))),
         config_rev=sweep % 4,
+        map_id=2**63 + sweep // 20,
     )
 
 

@@ -105,6 +105,27 @@ def test_the_robot_is_followed_while_nobody_answers(session: Hanging, view: Robo
     until(lambda: view.state()["judged"])
 
 
+def publish_mapped(session: Hanging, sweep: int, map_id: int) -> None:
+    head = HeaderValues(1, sweep, sweep, map_id=map_id)
+    at = ((float(sweep), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    session.publish(session.keys.map_odometry, compose.pose("MapPose", head, sweep * 10**8, *at))
+
+
+def test_the_path_ends_with_its_map(session: Hanging, view: RobotView) -> None:
+    """As after `zloam reset`: the same run goes on, and only mapped poses name the map."""
+    for sweep in (1, 2):
+        drive(session, sweep)
+        publish_mapped(session, sweep, map_id=7)
+    until(lambda: view.state()["path"] == [[1.0, 0.0], [2.0, 0.0]])
+    publish_mapped(session, 3, map_id=8)
+    until(lambda: view.state()["path"] == [])
+    # The pose of that sweep came late: it was fused with a correction of the old map.
+    for sweep in (3, 4, 5):
+        drive(session, sweep)
+    until(lambda: view.state()["pose"]["sweep"] == 5)
+    assert view.state()["path"] == [[4.0, 0.0], [5.0, 0.0]]
+
+
 def test_what_no_longer_moves_is_seen_to_be_old(
     session: Hanging, view: RobotView, monkeypatch: pytest.MonkeyPatch
 ) -> None:

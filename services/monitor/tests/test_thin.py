@@ -42,10 +42,10 @@ def link() -> Link:
     return Link(Session(), Keys("robot"), 100, thin=True)
 
 
-def a_preview(sweep: int, blocks: int = 1, epoch: int = 1) -> bytes:
+def a_preview(sweep: int, blocks: int = 1, epoch: int = 1, map_id: int = 5) -> bytes:
     """A preview with at most one full block of 8 m that has 2^1 cells along an edge."""
     rows = np.array([(0, 0, 0, 1, 1, 0)], messages.PREVIEW_BLOCK)[:blocks]
-    head = HeaderValues(5, sweep, sweep, map_id=5, stamp_ns=sweep * 10**8)
+    head = HeaderValues(5, sweep, sweep, map_id=map_id, stamp_ns=sweep * 10**8)
     return compose.preview(head, epoch, (float(sweep), 2.0, 0.0), 8.0, rows, b"\xff"[:blocks])
 
 
@@ -90,6 +90,10 @@ def test_a_map_that_was_emptied_is_no_longer_shown(link: Link) -> None:
         until(lambda: view.map_view()["cells"])
         session.put(link.keys.preview, a_preview(4, blocks=0, epoch=2))
         until(lambda: not view.map_view()["cells"])
+        session.put(link.keys.preview, a_preview(5, blocks=0, epoch=3, map_id=6))
+        session.put(link.keys.preview, a_preview(6, blocks=0, epoch=3, map_id=6))
+        until(lambda: view.state()["pose"]["sweep"] == 6)
+        until(lambda: view.state()["path"] == [[6.0, 2.0]])
     finally:
         view.close()
 

@@ -15,8 +15,9 @@ from zloam_monitor.records import PoseRecord, TraceStep
 #: Poses that are kept whole if all are kept: ten minutes at 10 Hz.
 WHOLE = 6000
 #: Run, instant, last packet; translation, quaternion, weak translation; configuration revision,
-#: health, flags; number of trace steps, the first one's; number of cells of covariance, the first.
-_ROW = struct.Struct("<Qqq3d4d3dIBBIQIQ")
+#: health, flags; number of trace steps, the first one's; number of cells of covariance, the first;
+#: map.
+_ROW = struct.Struct("<Qqq3d4d3dIBBIQIQQ")
 #: Number of the stage's name; received, started, published.
 _STEP = struct.Struct("<Iqqq")
 
@@ -46,6 +47,7 @@ class _Packed:
             len(self._steps),
             len(pose.covariance),
             len(self._covariances),
+            pose.map_id,
         )
         for step in pose.trace:
             name = self._number(step.stage)
@@ -66,7 +68,7 @@ class _Packed:
 
     def pose(self, row: int) -> PoseRecord:
         run, instant_ns, last_packet_ns, *numbers = _ROW.unpack_from(self._rows, row * _ROW.size)
-        config_rev, health, flags, steps, step_at, cells, cell_at = numbers[10:]
+        config_rev, health, flags, steps, step_at, cells, cell_at, map_id = numbers[10:]
         trace = self._steps[step_at : step_at + steps * _STEP.size]
         return PoseRecord(
             run=run,
@@ -86,6 +88,7 @@ class _Packed:
             weak_translation=(numbers[7], numbers[8], numbers[9]),
             covariance=tuple(self._covariances[cell_at : cell_at + cells]),
             config_rev=config_rev,
+            map_id=map_id,
         )
 
 

@@ -95,6 +95,8 @@ class PoseRecord:
     covariance: tuple[float, ...] = ()
     #: Revision of the publisher's configuration.
     config_rev: int = 0
+    #: Map of a mapped pose or of a preview's; other messages do not name it (0).
+    map_id: int = 0
 
 
 @dataclass(frozen=True)
@@ -197,6 +199,7 @@ def _pose(table: Any, pose: Any) -> PoseRecord:
         weak_translation=_vector(table.WeakTranslation()),
         covariance=tuple(table.Covariance(i) for i in range(table.CovarianceLength())),
         config_rev=header.ConfigRev(),
+        map_id=header.MapId(),
     )
 
 
@@ -285,6 +288,7 @@ def preview(payload: bytes) -> PreviewRecord:
             end_of_run=bool(header.EndOfRun()),
             trace=_trace(header),
             degenerate=bool(m.Degenerate()),
+            map_id=header.MapId(),
         )
     octrees = m.OctreesAsNumpy() if m.OctreesLength() else np.empty(0, np.uint8)
     return PreviewRecord(

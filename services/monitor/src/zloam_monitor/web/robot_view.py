@@ -67,6 +67,9 @@ class RobotView:
         self._path: list[tuple[int, float, float]] = []
         self._every = 1
         self._newest = -1
+        #: Map of the path, and the sweep after which its poses begin.
+        self._map_id: int | None = None
+        self._map_from = -1
         self._began_s = self._newest_s = time.monotonic()
         self._run: int | None = None
         self._history: deque[dict[str, Any]] = deque(maxlen=HISTORY_SECONDS)
@@ -215,17 +218,33 @@ class RobotView:
     def _extend_path(self) -> None:
         link = self._link
         if link.run != self._run:
-            self._run, self._newest = link.run, -1
-            self._path.clear()
-            self._every = 1
+            self._run, self._newest, self._map_id = link.run, -1, None
+            self._begin_path(after=-1)
+        self._follow_map()
         for sweep in sorted(n for n in link.poses if n > self._newest):
             self._newest, self._newest_s = sweep, time.monotonic()
-            if sweep % self._every == 0:
+            if sweep > self._map_from and sweep % self._every == 0:
                 x, y, _ = link.poses[sweep].translation
                 self._path.append((sweep, round(float(x), 2), round(float(y), 2)))
         while len(self._path) > MOST_PATH:
             self._every *= 2
             self._path = [point for point in self._path if point[0] % self._every == 0]
+
+    def _follow_map(self) -> None:
+        """Begins another path with another map, e.g. after `zloam reset`: its frame is another one.
+        Fused poses do not name their map, so mapped poses tell. The fused pose of the new map's
+        first sweep came before mapping had corrected it."""
+        naming = self._link.poses if self._link.thin else self._link.mapped
+        newest = naming.last()
+        if newest is None or newest.map_id in (0, self._map_id):
+            return
+        if self._map_id is not None:
+            self._begin_path(min(n for n, p in naming.items() if p.map_id == newest.map_id))
+        self._map_id = newest.map_id
+
+    def _begin_path(self, after: int) -> None:
+        self._path.clear()
+        self._every, self._map_from = 1, after
 
     def _described(self, look: _Look, now: float) -> dict[str, Any]:
         link = self._link
