@@ -7,6 +7,7 @@
 #include <set>
 
 #include "common/geometry/motion_check.hpp"
+#include "common/runtime/lost_map.hpp"
 #include "common/runtime/map_output.hpp"
 #include "common/runtime/stage.hpp"
 #include "mapping/mapping.hpp"
@@ -34,9 +35,15 @@ class MappingStage {
   void do_without_map(const msg::Header& first, SavedMap& saved);
   void wait_for_store(bool known_run) const;
   using CorrectionMessage = runtime::Received<msg::MapCorrection>;
-  /// Takes map and pose from the store; false: it has no valid ones, or refused says why they can't
+  struct Lost {
+    runtime::EarlierIds ids;
+    /// why the stored map can't be used; empty: it can, or there is none
+    std::string why;
+  };
+  /// Takes map and pose from the store; false: it has no valid ones, or `lost` says why they can't
   /// be used. In a map that is only localized in, its points are taken all the same.
-  bool take_back(const msg::Header& first, SavedMap& saved, std::string& refused);
+  bool take_back(const msg::Header& first, SavedMap& saved, Lost& lost);
+  bool begin_another(const msg::Header& first, const Lost& lost, SavedMap& saved);
   bool take_pose(const msg::Header& first, SavedMap& saved);
   runtime::Outcome take(const Sweep& sweep);
   void process(const Sweep& sweep);
@@ -59,7 +66,7 @@ class MappingStage {
   std::string voxel_key(const TileIndex& at) const;
   void publish_voxels(const Sweep& sweep, const std::vector<VoxelTile>& tiles);
   /// Re-inserts the sweeps that the earlier instance inserted after the store's last copy.
-  std::size_t insert_again(const msg::Header& first,
+  std::size_t insert_again(const msg::Header& first, std::uint64_t of_map,
                            const std::vector<CorrectionMessage>& corrections);
   /// Answers requests for what the store may lack: another mapping continues.
   void leave_map(bool leaves);

@@ -9,6 +9,7 @@
 #include <tuple>
 #include <utility>
 
+#include "common/runtime/lost_map.hpp"
 #include "common/runtime/recall.hpp"
 #include "common/runtime/shared.hpp"
 #include "mapping/mapping_stage.hpp"
@@ -170,7 +171,7 @@ void MappingStage::wait_for_store(bool known_run) const {
                           std::chrono::duration_cast<std::chrono::milliseconds>(left));
 }
 
-bool MappingStage::take_back(const msg::Header& first, SavedMap& saved, std::string& refused) {
+bool MappingStage::take_back(const msg::Header& first, SavedMap& saved, Lost& lost) {
   const auto poses = runtime::recall<msg::MapPose>(stage_, Key::kMapOdometry, {}, 1);
   if (poses.empty()) return false;
   const runtime::Received<msg::MapPose>& pose = poses.back();
@@ -185,6 +186,7 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved, std::str
         "extend uses the stored one");
     return false;
   }
+  lost.ids.add(pose.header().map_id());
   // What does not come now is asked for again soon, and sweeps wait meanwhile.
   const int tries = lacks_map_ ? 1 : kTries;
   // The store and the previous instance may both send a cube: the newer one is kept.
@@ -202,12 +204,8 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved, std::str
   }
   SavedMap stored;
   for (const auto& [at, tile] : newest) add_tile(*tile, stored);
-  refused = why_refused(stored.voxels, config_.voxel_planes.map);
-  if (!refused.empty() && config_.mode == MappingMode::kMap) {
-    // As after a reset: the store must not mix the new map with this one.
-    map_id_ = pose.header().map_id() + 1;
-    return false;
-  }
+  lost.why = why_refused(stored.voxels, config_.voxel_planes.map);
+  if (!lost.why.empty() && config_.mode == MappingMode::kMap) return false;
   saved = std::move(stored);
   saved.instant_ns = pose->instant_ns();
   saved.odom_epoch = pose.header().odom_epoch();
@@ -242,15 +240,31 @@ bool MappingStage::take_pose(const msg::Header& first, SavedMap& saved) {
   return true;
 }
 
+// Begins a map under an id of its own: readers and the store must not mix it with the lost one.
+// False: the frame is lost too, or there was no map before.
+bool MappingStage::begin_another(const msg::Header& first, const Lost& lost, SavedMap& saved) {
+  const bool follows =
+      lost.ids.newest() || runtime::may_follow_another(first.replay(), first.sweep(),
+                                                       stage_.shared().recovery.keep_messages);
+  if (follows) map_id_ = lost.ids.next(first.run(), first.sweep());
+  const bool has_frame = take_pose(first, saved);
+  if (has_frame) {
+    stage_.degraded("map", runtime::lost_map_text(first.sweep(), lost.why));
+  } else if (follows) {
+    stage_.degraded("map", runtime::lost_frame_text(first.sweep(), lost.why));
+  }
+  return has_frame;
+}
+
 // Re-inserts the sweeps since the voxels were last published for the store. Without a store these
 // are the sweeps still kept by others, and the map holds only the last seconds.
-std::size_t MappingStage::insert_again(const msg::Header& first,
+std::size_t MappingStage::insert_again(const msg::Header& first, std::uint64_t of_map,
                                        const std::vector<CorrectionMessage>& corrections) {
   const std::uint64_t from = stored_sweep_ ? *stored_sweep_ + 1 : 0;
   std::map<std::uint64_t, const CorrectionMessage*> inserted;
   for (const CorrectionMessage& correction : corrections) {
     const bool fits = correction.run() == first.run() && correction.sweep() >= from &&
-                      correction.header().map_id() == map_id_ && correction->inserted();
+                      correction.header().map_id() == of_map && correction->inserted();
     if (fits) inserted[correction.sweep()] = &correction;
   }
   if (inserted.empty()) return 0;
@@ -306,8 +320,8 @@ void MappingStage::restart(const msg::Header& first) {
       runtime::recall<msg::MapCorrection>(stage_, Key::kMapCorrection, runtime::kKept, 1);
   const auto of_this_run = [&](const auto& c) { return c.run() == first.run(); };
   wait_for_store(first.replay() || std::ranges::any_of(corrections, of_this_run));
-  std::string refused;
-  const bool has_map = take_back(first, saved, refused);
+  Lost lost;
+  const bool has_map = take_back(first, saved, lost);
   bool found_before = false;
   // The stored pose is of this run.
   bool moved_from_there = next_sweep_ > 0;
@@ -316,6 +330,7 @@ void MappingStage::restart(const msg::Header& first) {
     if (correction.run() != first.run()) continue;
     state = {};
     next_sweep_ = std::max(next_sweep_, correction.sweep() + 1);
+    lost.ids.add(correction.header().map_id());
     // Of a mapping that had no map: in no frame of this one.
     if (has_map && correction.header().map_id() != map_id_) continue;
     moved_from_there = true;
@@ -332,17 +347,13 @@ void MappingStage::restart(const msg::Header& first) {
     if (!lacked) do_without_map(first, saved);
     return;
   }
-  stage_.degraded("map", refused);
-  if (!has_map && !take_pose(first, saved)) return;
-  if (!has_map) {
-    stage_.degraded("map", "the map before sweep " + std::to_string(first.sweep()) +
-                               " is lost: " + (refused.empty() ? "no store has it" : refused) +
-                               "; creating a new one in its frame");
-  }
+  stage_.degraded("map", lost.why);
+  if (!has_map && !begin_another(first, lost, saved)) return;
   saved.found = config_.mode == MappingMode::kMap || found_before;
   mapper_.restore(saved);
   last_T_map_base_ = saved.T_map_base;
-  const std::size_t again = insert_again(first, corrections);
+  const std::uint64_t of_map = has_map ? map_id_ : lost.ids.newest().value_or(map_id_);
+  const std::size_t again = insert_again(first, of_map, corrections);
   if (has_map) mapper_.resume(state);
   // The stored pose is of another run and the motion since then is unknown: the search starts at
   // the pose where that run ended.

@@ -6,6 +6,7 @@
 #include "aloam/mapping/map_points.hpp"
 #include "aloam/mapping/mapping_stage.hpp"
 #include "aloam/mapping/taken_back.hpp"
+#include "common/runtime/lost_map.hpp"
 #include "common/runtime/recall.hpp"
 
 namespace zloam::aloam {
@@ -49,8 +50,9 @@ void MappingStage::restart(const msg::Header& first) {
   take_back_tiles(map_id_, T_map_base.translation());
   const std::size_t points = mapper_.map().point_count();
   if (points == 0) {
-    stage_.degraded("map", "the map before sweep " + std::to_string(first.sweep()) +
-                               " is lost: no store has it; a new one begins in its frame");
+    // As after a reset, so that no reader shows tiles of the lost map in the new one.
+    ++map_id_;
+    stage_.degraded("map", runtime::lost_map_text(first.sweep()));
   }
   file_.changed(points > 0);
   if (first.replay()) ack_.done_below(first.run(), next_sweep_);
