@@ -11,9 +11,11 @@
 namespace zloam::runtime {
 
 /// Whether an instance of mapping before this one may have mapped sweeps of the run. A replay waits
-/// for its stages; in a live run a stage that starts with the others hears one of the first sweeps.
+/// for its stages; in a live run a stage that starts with the others hears one of the first sweeps,
+/// of which there are as many as stages keep.
 inline bool may_follow_another(bool replay, std::uint64_t first_sweep, int kept_sweeps) {
-  return first_sweep > (replay ? std::uint64_t{0} : static_cast<std::uint64_t>(std::max(0, kept_sweeps)));
+  const auto kept = static_cast<std::uint64_t>(std::max(0, kept_sweeps));
+  return replay ? first_sweep > 0 : first_sweep > kept;
 }
 
 /// The maps that earlier instances had, as far as other processes name them.
@@ -35,8 +37,7 @@ class EarlierIds {
 /// Reasons for the status. `why` the earlier map can't be used: a sentence; empty: no store has it.
 inline std::string lost_map_text(std::uint64_t first_sweep, const std::string& why = {}) {
   return "the map before sweep " + std::to_string(first_sweep) +
-         " is lost: " + (why.empty() ? "no store has it" : why) +
-         "; a new one begins in its frame";
+         " is lost: " + (why.empty() ? "no store has it" : why) + "; a new one begins in its frame";
 }
 inline std::string lost_frame_text(std::uint64_t first_sweep, const std::string& why = {}) {
   return "the map before sweep " + std::to_string(first_sweep) + " and its frame are lost: " +
