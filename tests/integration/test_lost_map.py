@@ -1,4 +1,4 @@
-"""Mapping is killed in a live run without a tile store: what it had mapped is lost. The map that
+"""Mapping is killed in a live run. Without a tile store what it had mapped is lost: the map that
 follows is another one for every reader, and mapping says so."""
 
 from __future__ import annotations
@@ -59,10 +59,29 @@ def test_the_next_map_has_another_name_and_the_same_frame(
     assert new > lost
 
 
+@pytest.mark.parametrize("method", METHODS)
 def test_without_integration_the_frame_is_lost_too(
-    build: Path, robot_file: Path, drive: Capture, tmp_path: Path
+    build: Path, robot_file: Path, drive: Capture, tmp_path: Path, method: str
 ) -> None:
-    run = LiveRun(build, robot_file, drive, tmp_path, store=False)
+    of_method = programs_of(build, method)
+    run = LiveRun(build, robot_file, drive, tmp_path, store=False, programs=of_method)
     said, (lost, new) = killed(run, "mapping", "integration")
     assert "and its frame are lost" in said
     assert new > lost
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_store_has_map_and_frame_without_integration(
+    build: Path, robot_file: Path, drive: Capture, tmp_path: Path, method: str
+) -> None:
+    run = LiveRun(build, robot_file, drive, tmp_path, programs=programs_of(build, method))
+    with run:
+        run.until_poses(KILL_AT)
+        run.restart("mapping", "integration")
+        log = tmp_path / "mapping-again.log"
+        run._until(lambda: log.is_file() and "resuming the map" in log.read_text())
+        mapped = len(run.mapped)
+        run._until(lambda: len(run.mapped) >= mapped + IN_MAP)
+        assert said_of_map(run) == ""
+        run.end()
+    assert len({pose.map_id for pose in run.mapped.values()}) == 1

@@ -38,6 +38,8 @@ class MappingStage {
   /// An instance before this one was in the middle of the run: goes on with what integration and
   /// the store keep; restart.cpp.
   void restart(const msg::Header& first);
+  /// Nobody knows the map of that instance, nor its frame.
+  void begin_unknown(const msg::Header& first);
   void take_back_tiles(std::uint64_t map_id, const Eigen::Vector3d& sensor);
   runtime::Outcome take(const Sweep& sweep);
   void process(const Sweep& sweep);
