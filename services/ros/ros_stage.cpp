@@ -83,7 +83,7 @@ RosStage::RosStage(runtime::Stage& stage, const RosConfig& config)
   pose_ = node_.publish(topic("pose"), kPoseType, kReliable);
   transforms_ = node_.publish("/tf", kTransformsType, kTransforms);
   static_transforms_ = node_.publish("/tf_static", kTransformsType, kLatched);
-  path_ = node_.publish(topic("path"), kPathType, kReliable);
+  path_ = node_.publish(topic("path"), kPathType, kLatched);
   points_ = node_.publish(topic("points"), kCloudType, kSensor);
   map_ = node_.publish(topic("map"), kCloudType, kLatched);
   diagnostics_ = node_.publish("/diagnostics", kDiagnosticsType, kReliable);

@@ -45,7 +45,7 @@ TOPICS = {
     "/tf_static": "tf2_msgs/msg/TFMessage",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
-LATCHED = ("/map", "/tf_static")
+LATCHED = ("/map", "/path", "/tf_static")
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 IMU = "sensor_msgs/msg/Imu"
 PLACE = "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -366,6 +366,12 @@ def test_late_readers_have_what_is_latched(heard: Heard) -> None:
     frames = {(t.header.frame_id, t.child_frame_id) for t in message.transforms}
     assert frames == {("base_link", "lidar"), ("base_link", "imu")}
     assert heard.late["/map"]
+    kind = TOPICS["/path"]
+    paths: list[Any] = [
+        TYPES.deserialize_cdr(s.payload.to_bytes(), kind) for s in heard.late["/path"]
+    ]
+    whole = len(read(heard.out / "trajectory.tum"))
+    assert max(len(path.poses) for path in paths) == whole
 
 
 def test_diagnostics_name_every_stage(heard: Heard) -> None:
