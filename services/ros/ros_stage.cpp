@@ -133,6 +133,7 @@ void RosStage::new_run(const msg::Header& first) {
 // from nothing: a replay of the same capture has the same map_id.
 void RosStage::take_mapped(const runtime::Received<msg::MapPose>& m) {
   const std::uint64_t map_id = m.header().map_id();
+  path_of_run_.in_map(map_id);
   if (map_id_ != map_id || (m.sweep() == 0 && map_id == m.run())) begin_map(map_id);
 }
 

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -32,6 +33,11 @@ class ThinnedPath {
     kept_.resize((kept_.size() + 1) / 2);
     every_ *= 2;
   }
+  /// With another map, which has another frame, the path begins again.
+  void in_map(std::uint64_t map_id) {
+    if (map_id_ && *map_id_ != map_id) clear();
+    map_id_ = map_id;
+  }
   void clear() { *this = {}; }
   /// (stamp, pose), in ascending time; the last is the newest one.
   std::vector<Entry> poses() const {
@@ -44,6 +50,7 @@ class ThinnedPath {
   std::vector<Entry> kept_;
   Entry newest_{0, Pose::Identity()};
   std::uint64_t added_ = 0, every_ = 1;
+  std::optional<std::uint64_t> map_id_;
 };
 
 }  // namespace zloam::ros

@@ -45,5 +45,21 @@ TEST(ThinnedPath, OfARecordingThatIsReplayedAgainThePathBeginsAnew) {
   EXPECT_EQ(path.poses().back().first, 11);
 }
 
+TEST(ThinnedPath, AnotherMapBeginsAnotherPath) {
+  ThinnedPath path;
+  path.add(10, Pose::Identity());
+  // The first poses of a run come before mapping has named its map.
+  path.in_map(7);
+  path.add(11, Pose::Identity());
+  path.in_map(7);
+  EXPECT_EQ(path.poses().size(), 2U);
+  path.in_map(8);
+  EXPECT_TRUE(path.poses().empty());
+  path.add(12, Pose::Identity());
+  path.in_map(8);
+  ASSERT_EQ(path.poses().size(), 1U);
+  EXPECT_EQ(path.poses().front().first, 12);
+}
+
 }  // namespace
 }  // namespace zloam::ros
