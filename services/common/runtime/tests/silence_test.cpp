@@ -129,9 +129,11 @@ TEST(Silence, AStageThatNothingIsSentToWorksByNumber) {
   const Network network(2);
   Watched<std::vector<std::uint64_t>> seen;
   RunningStage reader(network.open(0), setup("registration", "i", 1), [&](Stage& core) {
-    core.inlet<msg::Sweep>(Key::kSweep, {}, [&](const Received<msg::Sweep>& sweep) {
-        seen.change([&](auto& list) { list.push_back(sweep.sweep()); });
-      }).continue_at(1, 0);
+    core.inlet<msg::Sweep>(Key::kSweep, {},
+                           [&](const Received<msg::Sweep>& sweep) {
+                             seen.change([&](auto& list) { list.push_back(sweep.sweep()); });
+                           })
+        .continue_at(1, 0);
   });
   StageSetup source = setup("driver");
   source.shared.recovery.keep_messages = kSweeps;
