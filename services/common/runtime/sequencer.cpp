@@ -214,13 +214,15 @@ void Sequencer::note_source(bool recovered, std::int64_t now_ns) {
     silent_since_ = now_ns;
     ask_in_silence_at_.reset();
   } else if (ask_in_silence_at_) {
-    // More will follow at the sensor's pace. Those of the silence wait for no fault of the reader.
+    // More will follow at the sensor's pace. Those of the silence wait for no fault of the reader,
+    // but a reader that stays behind gets no more room: it would fall behind ever further.
     ask_in_silence_at_ = now_ns + period_.ns();
-    ++room_;
+    if (now_ns - caught_up_ns_ < kSilence_ns) ++room_;
   }
 }
 
 std::optional<Sequencer::Request> Sequencer::request_in_silence(std::int64_t now_ns) {
+  if (held_.empty()) caught_up_ns_ = now_ns;
   if (!silent_since_) silent_since_ = now_ns;
   const std::int64_t at = ask_in_silence_at_.value_or(*silent_since_ + kSilence_ns);
   ask_in_silence_at_ = at;

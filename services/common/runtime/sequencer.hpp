@@ -139,6 +139,8 @@ class Sequencer {
   /// the next request in a silence, and the waiting time before it
   std::optional<std::int64_t> ask_in_silence_at_;
   std::int64_t silent_wait_ns_ = 0;
+  /// when nothing waited for the reader in a silence, the last time
+  std::int64_t caught_up_ns_ = 0;
   SweepPeriod period_;
   NumberCredit credit_;
   std::int64_t accepted_ns_ = 0;

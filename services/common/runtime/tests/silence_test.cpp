@@ -101,6 +101,19 @@ TEST(Silence, ABatchOfAnswersIsNotDroppedAsTooMuch) {
   EXPECT_TRUE(input.sequencer.given_up().empty());
 }
 
+TEST(Silence, AReaderThatIsTooSlowDropsTheOldestAsOtherwise) {
+  Input input;
+  input.sent(0);
+  input.requests_within(2010 * kMs);
+  for (std::uint64_t sweep = 1; sweep < 300; ++sweep) {
+    EXPECT_EQ(input.add(sweep, true), std::nullopt) << sweep;
+    if (sweep % 2 == 0 && input.sequencer.next(input.now_ns)) ++input.handled;
+    input.requests_within(100 * kMs);
+  }
+  EXPECT_LE(input.sequencer.held(), SequencerLimits{}.newest + 1);
+  EXPECT_FALSE(input.sequencer.given_up().empty());
+}
+
 TEST(Silence, ItEndsWithTheFirstMessageThatIsSent) {
   for (const bool copy : {false, true}) {
     Input input;
