@@ -1,5 +1,6 @@
 #include "common/runtime/inlet_core.hpp"
 
+#include <algorithm>
 #include <atomic>
 #include <exception>
 #include <utility>
@@ -63,10 +64,16 @@ void InletCore::on_sample(zenoh::Sample sample, bool recovered) {
     }
     ++account_.queued;
     raw_bytes_ += size;
+    if (!recovered) ++unread_;
     raw_.push_back({std::move(sample), now, recovered});
     shared_->rung = true;
   }
   shared_->bell.notify_all();
+}
+
+std::size_t InletCore::unasked_in(const std::deque<Raw>& batch) {
+  const auto count = std::ranges::count_if(batch, [](const Raw& raw) { return !raw.recovered; });
+  return static_cast<std::size_t>(count);
 }
 
 void InletCore::drain() {
@@ -79,7 +86,12 @@ void InletCore::drain() {
     raw_bytes_ = 0;
   }
   if (std::exchange(goes_on_, false)) sequencer_.make_room(batch.size());
+  const std::size_t unasked = unasked_in(batch);
   for (Raw& raw : batch) accept(std::move(raw));
+  if (unasked > 0) {
+    const std::lock_guard lock(shared_->mutex);
+    unread_ -= unasked;
+  }
   for (const Answered& a : answered) sequencer_.answered(a.request, a.messages);
   note_given_up();
 }
@@ -261,6 +273,9 @@ void InletCore::put_aside() {
     batch.swap(raw_);
     raw_bytes_ = 0;
     answered_.clear();
+    const std::size_t unasked = unasked_in(batch);
+    unread_ -= unasked;
+    unasked_ += unasked;
     const std::size_t waiting = batch.size() + sequencer_.held() + arrivals_.size();
     account_.queued -= waiting;
     account_.not_mine += waiting;

@@ -60,8 +60,11 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   Account account() const override;
   /// For a snapshot of several inlets: the caller holds Shared::mutex.
   Account account_locked() const { return account_; }
-  /// Good messages that arrived without a request. The caller holds Shared::mutex.
+  /// Good messages that arrived without a request, and those left to the instance that works. The
+  /// caller holds Shared::mutex.
   std::uint64_t unasked_locked() const { return unasked_; }
+  /// Whether such messages, good or not, still wait for the worker. The caller holds Shared::mutex.
+  bool has_unread_locked() const { return unread_ > 0; }
   /// There is one message for each sweep of a run.
   bool of_each_sweep() const {
     return setup_.options.order == Order::kBySweep && !setup_.options.outside_runs;
@@ -101,6 +104,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   };
   static constexpr std::size_t kMaxQueued = 8192;
 
+  static std::size_t unasked_in(const std::deque<Raw>& batch);
   void accept(Raw raw);
   bool admitted(const Message& message);
   bool plausible(const Message& message);
@@ -123,6 +127,8 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   // Under Shared::mutex.
   Account account_;
   std::uint64_t unasked_ = 0;
+  /// messages without a request that the worker has not verified yet
+  std::size_t unread_ = 0;
   std::deque<Raw> raw_;
   std::size_t raw_bytes_ = 0;
   std::uint64_t fault_count_ = 0;

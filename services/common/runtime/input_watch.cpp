@@ -42,7 +42,7 @@ double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
 
 std::string InputWatch::silence(Seen& seen, const Input& input, std::int64_t now_ns) const {
   const std::uint64_t came = input.unasked - seen.last_unasked;
-  if (came > 0) {
+  if (came > 0 || input.unread) {
     if (seen.came == 0) seen.first_ns = now_ns;
     seen.came += came;
     seen.last_ns = now_ns;

@@ -17,6 +17,8 @@ class InputWatch {
     Account account;
     /// good messages that arrived without a request
     std::uint64_t unasked = 0;
+    /// messages without a request wait for the worker: it is busy, and the input is not silent
+    bool unread = false;
     /// one message per sweep of a live run that continues: messages must keep arriving
     bool expected = false;
   };

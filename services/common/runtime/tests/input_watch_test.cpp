@@ -33,18 +33,27 @@ class Watched {
     account_.recovered += good;
     look(true);
   }
+  /// A second in which the worker was busy and read nothing of what came.
+  void second_unread(std::uint64_t came) {
+    account_.received += came;
+    account_.queued += came;
+    unread_ = true;
+    look(true);
+    unread_ = false;
+  }
   std::string silent() { return found_["silent loam/robot/odometry"]; }
   std::string refused() { return found_["refused loam/robot/odometry"]; }
 
  private:
   void look(bool expected) {
     now_ns_ += kSecond;
-    found_ = watch_.look({{account_, unasked_, expected}}, now_ns_);
+    found_ = watch_.look({{account_, unasked_, unread_, expected}}, now_ns_);
   }
 
   InputWatch watch_;
   Account account_;
   std::uint64_t unasked_ = 0;
+  bool unread_ = false;
   std::int64_t now_ns_ = 5 * kSecond;
   std::map<std::string, std::string> found_;
 };
@@ -102,6 +111,17 @@ TEST(InputWatch, WhatComesOnRequestOnlyIsTold) {
   EXPECT_THAT(input.silent(), HasSubstr("comes only on request for 4 s"));
   input.second(1);
   EXPECT_EQ(input.silent(), "");
+}
+
+TEST(InputWatch, AWorkerThatIsBusyMakesNoInputSilent) {
+  Watched input;
+  for (int i = 0; i < 3; ++i) input.second(10);
+  for (int i = 0; i < 3; ++i) {
+    input.second_unread(10);
+    EXPECT_EQ(input.silent(), "") << i;
+  }
+  input.second(0);
+  EXPECT_EQ(input.silent(), "no loam/robot/odometry for 1 s");
 }
 
 TEST(InputWatch, RefusalsAreNamedAndOver) {

@@ -3,6 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <future>
+#include <thread>
+
 #include "common/runtime/sequencer.hpp"
 #include "common/runtime/tests/support.hpp"
 
@@ -167,6 +171,36 @@ TEST(Silence, AStageThatNothingIsSentToWorksByNumber) {
     for (std::uint64_t i = 0; i < list.size(); ++i) EXPECT_EQ(list[i], i);
   });
   EXPECT_EQ(reader->accounts().at(0).recovered, kSweeps);
+}
+
+// A handler may take longer than sweeps take to become a silence: what waits for it has come.
+TEST(Silence, AStageWhoseWorkerIsBusyDoesNotReportOne) {
+  const Network network(2);
+  std::promise<void> busy, done;
+  RunningStage reader(network.open(0), setup("registration", "i"), [&](Stage& core) {
+    core.inlet<msg::Sweep>(Key::kSweep, {}, [&](const Received<msg::Sweep>& sweep) {
+      if (sweep.sweep() != 30) return;
+      busy.set_value();
+      done.get_future().wait();
+    });
+  });
+  RunningStage driver(network.open(1), setup("driver"), [&](Stage& core) {
+    Outlet& out = core.outlet(Key::kSweep);
+    auto next = std::make_shared<std::uint64_t>(0);
+    core.every(std::chrono::milliseconds(50), [&out, next] {
+      HeaderFields h = sweep_header(1, *next, false);
+      h.stamp_ns = static_cast<std::int64_t>((*next)++) * 50'000'000;
+      h.seq = out.header(0, 0).seq;
+      out.publish(h, build(h, SweepFields{.rings = 16}));
+    });
+  });
+  busy.get_future().wait();
+  for (int i = 0; i < 30; ++i) {
+    EXPECT_EQ(reader->status().reason.find("silent "), std::string::npos)
+        << reader->status().reason;
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  }
+  done.set_value();
 }
 
 }  // namespace
