@@ -39,8 +39,10 @@ inline std::string lost_map_text(std::uint64_t first_sweep, const std::string& w
   return "the map before sweep " + std::to_string(first_sweep) +
          " is lost: " + (why.empty() ? "no store has it" : why) + "; a new one begins in its frame";
 }
+/// With no process that names an earlier map, mapping may only have started after the driver.
 inline std::string lost_frame_text(std::uint64_t first_sweep, const std::string& why = {}) {
-  return "the map before sweep " + std::to_string(first_sweep) + " and its frame are lost: " +
+  return (why.empty() ? "any map before sweep " : "the map before sweep ") +
+         std::to_string(first_sweep) + " and its frame are lost: " +
          (why.empty() ? "neither a store nor integration has them" : why) +
          "; a new one begins in the odometry's frame";
 }

@@ -43,7 +43,7 @@ TEST(LostMap, TheStatusTellsWhetherTheFrameStays) {
   EXPECT_EQ(lost_map_text(45),
             "the map before sweep 45 is lost: no store has it; a new one begins in its frame");
   EXPECT_EQ(lost_frame_text(45),
-            "the map before sweep 45 and its frame are lost: neither a store nor integration has "
+            "any map before sweep 45 and its frame are lost: neither a store nor integration has "
             "them; a new one begins in the odometry's frame");
   EXPECT_NE(lost_map_text(45, "its voxels have other sizes").find("other sizes"),
             std::string::npos);
