@@ -154,3 +154,36 @@ def test_a_stamp_beyond_all_times_is_refused_by_its_line(tmp_path: Path) -> None
     path.write_text("1704067210.2 0 0 0 0 0 0 1\n17040677210.3 1 0 0 0 0 0 1\n")
     with pytest.raises(trajectory.TrajectoryError, match=r"a\.tum, line 2: .* is no time"):
         trajectory.read(path)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "timestamp,x,y,z,qw,qx,qy,qz",
+        "#timestamp [ns], p_x [m], p_y [m], p_z [m], q_w [], q_x [], q_y [], q_z []",
+        "# time qx qy qz qw tx ty tz",
+        "x y z qx qy qz qw time",
+    ],
+)
+def test_other_orders_of_the_columns_are_refused(tmp_path: Path, names: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"{names}\n100 1 2 3 0.5 0.5 0.5 0.5\n")
+    with pytest.raises(trajectory.TrajectoryError, match="line 1: the columns are"):
+        trajectory.read(path)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "# ground truth of x, y and z",
+        "timestamp tx ty tz qx qy qz qw",
+        "time_s,x_m,y_m,z_m,qx,qy,qz,qw",
+        "%time;pos.x [m];pos.y [m];pos.z [m];q.x;q.y;q.z;q.w",
+        "1 2 3 4 5 6 7 8",
+    ],
+)
+def test_names_of_columns_in_their_order_are_accepted(names: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    comment = "#" if names[0].isdigit() else ""
+    path.write_text(f"{comment}{names}\n100 1 2 3 0.5 0.5 0.5 0.5\n")
+    assert len(trajectory.read(path)) == 1

@@ -1,12 +1,14 @@
 """Reads rows of numbers from pose files of other programs, and refuses what is not a pose.
 
 Columns are separated by blanks, tabs, commas or semicolons; `#` begins a comment. A byte order
-mark, other encodings in comments and one line of column names are ignored.
+mark and other encodings in comments are ignored, and so is one line of column names, unless it
+names another order of the columns.
 """
 
 from __future__ import annotations
 
 import codecs
+import re
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -25,6 +27,10 @@ NS_PER_S = 1_000_000_000
 LARGEST_SECONDS = 1e11
 #: Deviation from unit length of a quaternion or rotation written with two digits.
 UNIT_TOLERANCE = 0.01
+#: Last letters of the names of a TUM file's columns; the time's is none of them.
+TUM_ORDER = ".xyzxyzw"
+#: Unit at the end of a column's name.
+_UNIT = re.compile(r"\s*(\[.*\]|\(.*\)|_m)$")
 
 
 class TrajectoryError(FileTrouble, ValueError):
@@ -50,6 +56,7 @@ def read_rows(path: Path) -> tuple[list[Row], Array]:
         for number, line in enumerate(text.splitlines(), 1)
         if (cells := _cells(line, f"{path}, line {number}"))
     ]
+    _check_order(path, text.splitlines())
     if rows and not any(_is_number(cell) for cell in rows[0].cells):
         rows = rows[1:]  # The first row has names of columns.
     if not rows:
@@ -66,6 +73,28 @@ def _text(data: bytes) -> str:
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return data.decode("utf-16", errors="replace")
     return data.decode("utf-8-sig", errors="replace")
+
+
+def _check_order(path: Path, lines: list[str]) -> None:
+    """Refuses names of columns, also in a comment, that say another order than TUM's: a quaternion
+    with w first has unit length, too."""
+    for number, line in enumerate(lines, 1):
+        named = line.strip().lstrip("#%").strip()
+        if named and _is_number(re.split(r"[,;\s]", named)[0]):
+            return  # The first pose.
+        names = re.split(r"[,;]", named) if re.search(r"[,;]", named) else named.split()
+        letters = "".join(_axis(name) for name in names)
+        if letters != TUM_ORDER and sorted(letters) == sorted(TUM_ORDER):
+            raise TrajectoryError(
+                f"{path}, line {number}: the columns are {', '.join(n.strip() for n in names)}; "
+                "TUM's are the time, x, y, z, qx, qy, qz, qw: bring them into this order"
+            )
+
+
+def _axis(name: str) -> str:
+    """The axis at the end of a column's name, before its unit; "." if there is none."""
+    letter = _UNIT.sub("", name.strip()).lower()[-1:]
+    return letter if letter and letter in TUM_ORDER else "."
 
 
 def _cells(line: str, where: str) -> list[str]:
