@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from zloam_monitor import se3, trajectory
+from zloam_monitor import cli, se3, trajectory
 from zloam_monitor.trajectory import Trajectory
 
 
@@ -187,3 +187,15 @@ def test_names_of_columns_in_their_order_are_accepted(names: str, tmp_path: Path
     comment = "#" if names[0].isdigit() else ""
     path.write_text(f"{comment}{names}\n100 1 2 3 0.5 0.5 0.5 0.5\n")
     assert len(trajectory.read(path)) == 1
+
+
+def test_stamps_that_go_backwards_are_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Otherwise KITTI's lines would be of another order than those of the file, without a word."""
+    path = tmp_path / "a.tum"
+    stamps = (100, 101, 50, 102, 51)
+    path.write_text("".join(f"{stamp} 0 0 0 0 0 0 1\n" for stamp in stamps))
+    for command in (["trajectory", path, tmp_path / "a.kitti"], ["evaluate", path, path]):
+        assert cli.main([str(each) for each in command]) == 0
+        assert f"{path}: its stamps go backwards at 2 lines" in capsys.readouterr().err

@@ -42,6 +42,8 @@ class Trajectory:
     sweeps: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
     #: Lines of the file with a stamp that a line before them has.
     left_out: int = 0
+    #: Lines of the file with an earlier stamp than the line before them.
+    backwards: int = 0
 
     def __len__(self) -> int:
         return len(self.transforms)
@@ -168,9 +170,14 @@ def read(path: Path) -> Trajectory:
 
 def remarks(path: Path, found: Trajectory) -> list[str]:
     """What a person should know about the file that the poses were read from."""
-    if not found.left_out:
-        return []
-    return [f"{path}: {found.left_out} lines with a stamp that another line has were left out"]
+    said = []
+    if found.left_out:
+        said.append(f"{found.left_out} lines with a stamp that another line has were left out")
+    if found.backwards:
+        said.append(
+            f"its stamps go backwards at {found.backwards} lines: the poses were sorted by time"
+        )
+    return [f"{path}: {each}" for each in said]
 
 
 def _from_tum(rows: list[Row], values: Array) -> Trajectory:
@@ -181,7 +188,13 @@ def _from_tum(rows: list[Row], values: Array) -> Trajectory:
     order = order[keep]
     transforms = se3.matrices(values[order, 1:4], values[order, 4:8])
     sweeps = np.arange(len(order), dtype=np.int64)
-    return Trajectory(transforms, stamps[order], sweeps, left_out=len(rows) - len(order))
+    return Trajectory(
+        transforms,
+        stamps[order],
+        sweeps,
+        left_out=len(rows) - len(order),
+        backwards=int((np.diff(stamps) < 0).sum()),
+    )
 
 
 def _from_kitti(rows: list[Row], values: Array) -> Trajectory:
