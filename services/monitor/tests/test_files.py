@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -64,3 +65,29 @@ def test_what_can_not_be_exported_is_refused_before_the_work(
         sessions.exportable(Path("town"), 0.2)
     with pytest.raises(MapError):
         sessions.exportable(Path("town.las"), float("nan"))
+
+
+@pytest.mark.parametrize("kind", ["folder", "device", "pipe"])
+def test_only_files_are_replaced(tmp_path: Path, kind: str) -> None:
+    """A command of root would put a file in the place of /dev/null."""
+    path = tmp_path / "x.csv"
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "device":
+        path.symlink_to("/dev/null")
+    else:
+        os.mkfifo(path)
+    refused = pytest.raises(FileExistsError, match=f"There already, .*'{path}'")
+    with refused, files.written_whole(path) as out:
+        out.write("x")
+    assert list(tmp_path.iterdir()) == [path]
+    assert not path.is_file()
+
+
+def test_a_file_behind_a_link_stays(tmp_path: Path) -> None:
+    path, other = tmp_path / "x.csv", tmp_path / "other.csv"
+    other.write_text("of somebody")
+    path.symlink_to(other)
+    with files.written_whole(path) as out:
+        out.write("x")
+    assert (path.read_text(), other.read_text()) == ("x", "of somebody")
