@@ -188,3 +188,17 @@ def test_the_command_of_the_checkout_works_from_any_folder(tmp_path: Path) -> No
     link.symlink_to(ROOT / "bin/zloam")
     done = subprocess.run([link, "--version"], cwd="/", capture_output=True, text=True, check=True)
     assert done.stdout.startswith("zloam ")
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "ascii", "utf-8:strict"])
+def test_an_answer_is_printed_on_any_terminal(tmp_path: Path, encoding: str) -> None:
+    """A name in Latin-1, and the dash of a score that does not exist."""
+    path = tmp_path / os.fsdecode(b"stra\xdfe.tum")
+    path.write_text("".join(f"{second} 0 0 0 0 0 0 1\n" for second in range(5)))
+    to = path.with_suffix(".csv")
+    done = zloam("trajectory", str(path), str(to), PYTHONIOENCODING=encoding)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "5 poses" in done.stdout
+    done = zloam("evaluate", str(path), str(path), PYTHONIOENCODING=encoding)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "matched: 5" in done.stdout

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from typing import Annotated
 
@@ -46,8 +47,15 @@ cli_maps.add(app)
 cli_files.add(app)
 
 
+def _print_anything() -> None:
+    """Names of files need not be text, nor need the terminal have a character: it is escaped."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Returns the exit code; failures are reported on standard error without a stack trace."""
+    _print_anything()
     try:
         app(args=sys.argv[1:] if arguments is None else arguments, prog_name="zloam")
     except SystemExit as ended:
