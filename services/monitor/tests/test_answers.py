@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,6 +69,30 @@ def test_no_errors_no_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert (code, said["ate_rmse_m"]) == (1, None)
     assert "fewer than 3 poses" in said["remark"]
     assert not picture.exists()
+
+
+def test_what_a_picture_can_not_be_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A PDF would be a PNG by another name, and numbers that are none have no errors."""
+    path = tmp_path / "e.tum"
+    trajectory.write_tum(path, drive(10))
+    mounting = ["--mounting", "nan", "0", "0", "0", "0", "0"]
+    for more, said in (
+        (["--plot", str(tmp_path / "e.pdf")], "e.pdf: .png is expected"),
+        (mounting, "--mounting: finite numbers are expected"),
+    ):
+        assert cli.main(["evaluate", str(path), str(path), *more]) == 2
+        assert said in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_any_name_is_a_picture_s_title(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for number, name in enumerate((b"a$\\x$.tum", b"stra\xdfe.tum")):
+        path, picture = tmp_path / os.fsdecode(name), tmp_path / f"{number}.png"
+        trajectory.write_tum(path, drive(10))
+        assert asked(capsys, "evaluate", path, path, "--plot", picture)[0] == 0
+        assert picture.is_file()
 
 
 def test_two_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

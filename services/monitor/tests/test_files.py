@@ -91,3 +91,10 @@ def test_a_file_behind_a_link_stays(tmp_path: Path) -> None:
     with files.written_whole(path) as out:
         out.write("x")
     assert (path.read_text(), other.read_text()) == ("x", "of somebody")
+
+
+def test_a_name_that_is_no_text_is_escaped(tmp_path: Path) -> None:
+    """A report names the recording, which may have any name."""
+    with files.written_whole(tmp_path / "report.html") as out:
+        out.write(os.fsdecode(b"stra\xdfe") + " ß")
+    assert (tmp_path / "report.html").read_bytes() == "stra\\udcdfe ß".encode()

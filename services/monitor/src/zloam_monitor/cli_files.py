@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ import typer
 
 from zloam_monitor import cli_common as common
 from zloam_monitor.cli_common import command, examples
-from zloam_monitor.failures import Explained
+from zloam_monitor.failures import Explained, Misuse
 from zloam_monitor.stages import ROWS
 
 #: Programs that parse their own options.
@@ -24,6 +25,14 @@ PROGRAMS = (
 
 def _score(value: float | str | None) -> float | str:
     return "–" if value is None else value if isinstance(value, str) else round(value, 4)
+
+
+def _check(mounting: tuple[float, ...], plot: Path | None) -> None:
+    """Refuses values of evaluate's options before its work."""
+    if plot is not None and plot.suffix.lower() != ".png":
+        raise Misuse(f"--plot: {plot}: .png is expected")
+    if not all(map(math.isfinite, mounting)):
+        raise Misuse("--mounting: finite numbers are expected")
 
 
 @command
@@ -40,13 +49,14 @@ def evaluate(
         ),
     ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw both paths and the errors (PNG).")
+        Path | None, typer.Option(metavar="FILE", help="Draw both paths and the errors (.png).")
     ] = None,
     as_json: common.Json = False,
 ) -> int:
     """Compute the errors of a trajectory against a reference."""
     from zloam_monitor import answers, evaluation, se3, trajectory
 
+    _check(mounting, plot)
     T_base_sensor = se3.from_xyz_rpy_deg(mounting[:3], mounting[3:])
     of_sensor, of_estimate = trajectory.read(truth), trajectory.read(estimate)
     for path, found in ((estimate, of_estimate), (truth, of_sensor)):

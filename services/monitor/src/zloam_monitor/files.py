@@ -24,14 +24,15 @@ def named(path: Path) -> Iterator[None]:
 @contextmanager
 def written_whole(path: Path, mode: str = "w") -> Iterator[IO[Any]]:
     """Opens a temporary file, which gets its final name if the block ends without an exception.
-    Text is UTF-8 on every machine. A folder or a device of this name is refused, not replaced."""
+    Text is UTF-8 on every machine; bytes of a name that are none are escaped. A folder
+    or a device of this name is refused, not replaced."""
     if path.exists() and not path.is_file():
         raise OSError(errno.EEXIST, "There already, and no file that could be replaced", str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(path.name + ".part")
-    encoding = None if "b" in mode else "utf-8"
+    encoding, errors = (None, None) if "b" in mode else ("utf-8", "backslashreplace")
     try:
-        with named(path), temporary.open(mode, encoding=encoding) as out:
+        with named(path), temporary.open(mode, encoding=encoding, errors=errors) as out:
             yield out
             out.flush()
             os.fsync(out.fileno())

@@ -43,7 +43,7 @@ class Scene:
 def draw(path: Path, scene: Scene) -> None:
     """Writes the PNG."""
     figure, whole, close, below = _panels(_map_ratio(scene))
-    figure.suptitle(scene.title)
+    _entitle(figure, scene.title)
     window = _close_window(scene.positions)
     _draw_map(figure, whole, scene)
     whole.add_patch(
@@ -69,7 +69,7 @@ def draw(path: Path, scene: Scene) -> None:
 def draw_errors(path: Path, title: str, compared: Compared) -> None:
     """Writes a PNG of both paths from above, aligned, and the errors over time."""
     figure = plt.figure(figsize=(15, 8), dpi=110, layout="constrained")
-    figure.suptitle(title)
+    _entitle(figure, title)
     grid = figure.add_gridspec(2, 2)
     above, far, turned = (figure.add_subplot(c) for c in (grid[:, 0], grid[0, 1], grid[1, 1]))
     aligned, positions = compared.aligned[:, :3, 3], compared.truth[:, :3, 3]
@@ -88,6 +88,12 @@ def _save(figure: Figure, path: Path) -> None:
     with files.written_whole(path, "wb") as out:
         figure.savefig(out, format="png")
     plt.close(figure)
+
+
+def _entitle(figure: Figure, title: str) -> None:
+    """Titles are names of files, which may contain $, and bytes that are no text."""
+    text = title.encode("utf-8", "backslashreplace").decode()
+    figure.suptitle(text, parse_math=False)
 
 
 def _map_ratio(scene: Scene) -> float:
