@@ -84,11 +84,12 @@ def test_who_speaks_another_language_is_named(
     assert host in capsys.readouterr().err
 
 
-def test_a_description_of_another_form_is_refused_or_kept() -> None:
+def test_a_description_of_another_form_is_refused_or_kept(tmp_path: Path) -> None:
     """Whether the sensor runs is unknown then."""
     found = {**DESCRIPTION, "sensor_info": ["1.0"]}
     with sensor({sensor_metadata.PATH: found}) as host:
         assert sensor_metadata.fetched(host) == found
+        assert cli.main(["metadata", host, str(tmp_path / "os.json")]) == 0
 
 
 def test_who_is_no_sensor_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

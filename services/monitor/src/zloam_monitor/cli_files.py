@@ -196,7 +196,8 @@ def metadata(
     found = sensor_metadata.fetched(host)
     with files.written_whole(file) as out:
         json.dump(found, out, indent=1)
-    print(f"{file}: {found.get('sensor_info', {}).get('prod_line', 'a sensor')}")
+    info = found.get("sensor_info")
+    print(f"{file}: {info.get('prod_line', 'a sensor') if isinstance(info, dict) else 'a sensor'}")
     return 0
 
 
