@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from zloam_monitor import robot_file
 from zloam_monitor.chain import readers
 
 #: Time, level and program at the beginning of a line in a stage's log.
@@ -32,10 +33,17 @@ def check(build: Path, config: Path, settings: Sequence[str]) -> Verdict:
         command = [str(program), "--config", str(config), "--check-config"]
         for setting in settings:
             command += ["--set", setting]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="backslashreplace", check=False
+        )
         if done.returncode == 0:
             values.update(json.loads(done.stdout))
         else:
             lines = done.stderr.strip().splitlines() or [f"{stage} ended with {done.returncode}"]
             refusals.update(dict.fromkeys(_LOG_HEAD.sub("", line) for line in lines))
+    if not refusals:
+        try:  # `demo` and `run` read it, too: a stage takes bytes of any encoding.
+            robot_file.names(config, list(settings))
+        except robot_file.RobotFileError as error:
+            refusals[str(error)] = None
     return Verdict(list(refusals), values)

@@ -122,7 +122,9 @@ def _of_capture(build: Path, file: Path, model: str | None, metadata: Path | Non
     ]
     command += ["--model", model] if model else []
     command += ["--metadata", str(metadata)] if metadata else []
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, capture_output=True, text=True, errors="backslashreplace", check=False
+    )
     said = [line.removeprefix("zloam-decode: ") for line in done.stderr.splitlines()]
     if done.returncode != 0:
         raise SourceError("; ".join(said) or f"{file}: cannot be read")

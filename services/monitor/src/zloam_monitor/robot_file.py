@@ -59,7 +59,9 @@ def _tree(path: Path) -> Any:
         return yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.BaseLoader) or {}
     except OSError as error:
         raise FileTrouble(f"{path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise RobotFileError(f"{path}: is not UTF-8 text, as which it must be saved") from error
+    except yaml.YAMLError as error:
         raise RobotFileError(f"{path}: {error}") from error
     except RecursionError as error:
         raise RobotFileError(f"{path}: nested too deeply") from error

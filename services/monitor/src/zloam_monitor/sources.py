@@ -70,7 +70,9 @@ class Source:
         if not self.simulation:
             return
         print(f"simulating {self.title.removesuffix(SIMULATED)}", flush=True)
-        done = subprocess.run(self.simulation, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            self.simulation, capture_output=True, text=True, errors="backslashreplace", check=False
+        )
         if done.returncode != 0:
             raise StageDied("zloam-simulator", done.returncode, done.stderr)
 
