@@ -3,6 +3,7 @@ cropping and thinning follow their definitions."""
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import laspy
@@ -215,3 +216,33 @@ def test_points_that_reach_too_far_for_las_are_refused(
         assert not to.exists()
         assert run("map", "convert", near, to) == 0
         assert maps.read(to).points["x"].tolist() == [-107_000.0, 107_000.0]
+
+
+@pytest.mark.parametrize("prefix", ["", "scalar_"])
+@pytest.mark.parametrize("name", ["intensity", "Intensity", "i", "Reflectivity"])
+def test_intensity_and_layer_under_the_names_of_other_programs(
+    tmp_path: Path, name: str, prefix: str
+) -> None:
+    names = ("x", "y", "z", f"{prefix}{name}", f"{prefix}Layer")
+    properties = "".join(f"property float {each}\n" for each in names)
+    path = tmp_path / "a.ply"
+    path.write_text(
+        f"ply\nformat ascii 1.0\nelement vertex 2\n{properties}end_header\n1 2 3 7 0\n4 5 6 9 1\n"
+    )
+    found = maps.read(path)
+    assert found.points["intensity"].tolist() == [7.0, 9.0]
+    assert found.layers.tolist() == [0, 1]
+
+
+def test_an_intensity_that_is_no_number_is_none(tmp_path: Path) -> None:
+    """No warning of a library, and nothing undefined in LAS."""
+    points = np.zeros(3, MAP_POINT)
+    points["intensity"] = (np.nan, np.inf, 5.0)
+    path = tmp_path / "a.pcd"
+    clouds.write_pcd(path, points, np.zeros(3, np.uint8))
+    found = maps.read(path)
+    assert np.isfinite(found.points["intensity"]).all()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        maps.write(tmp_path / "a.las", found)
+    assert maps.read(tmp_path / "a.las").points["intensity"].tolist() == [0.0, 65535.0, 5.0]

@@ -20,6 +20,7 @@ from zloam_monitor.failures import Explained, FileTrouble, Misuse
 from zloam_monitor.files import written_whole
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.point_files import READERS
+from zloam_monitor.recordings.fields import INTENSITIES
 
 #: Resolution of coordinates in LAS, and how far its 32 bits then reach.
 LAS_STEP_M = 1e-4
@@ -88,18 +89,26 @@ def _map_of(found: NDArray[Any], path: Path) -> PointMap:
     points = np.zeros(len(found), MAP_POINT)
     for axis, column in zip("xyz", xyz.T, strict=True):
         points[axis] = column
-    intensity = next((n for n in ("intensity", "reflectivity") if n in names), None)
+    intensity = _named(found, INTENSITIES)
     if intensity:
-        points["intensity"] = found[intensity]
+        # A point without an intensity has none: LAS and the viewers know no NaN.
+        points["intensity"] = np.nan_to_num(found[intensity].astype(np.float32))
     return PointMap(points, _layers(found), int((~finite).sum()))
+
+
+def _named(found: NDArray[Any], wanted: Sequence[str]) -> str | None:
+    """The field that has the first of these names, in any case; CloudCompare puts a prefix before
+    the names in PLY files."""
+    there = {n.lower().removeprefix("scalar_"): n for n in found.dtype.names or ()}
+    return next((there[name] for name in wanted if name in there), None)
 
 
 def _layers(found: NDArray[Any]) -> NDArray[np.uint8]:
     """The layer of each point: all plane in a file without layers. Other programs have dimensions
     of this name with another meaning, so it counts only if each value is one of ours; of any type,
     because programs that show our maps write whole columns back as floats."""
-    if "layer" in (found.dtype.names or ()):
-        layer = found["layer"]
+    if name := _named(found, ("layer",)):
+        layer = found[name]
         if np.isin(layer, range(len(clouds.POINT_LAYERS))).all():
             return layer.astype(np.uint8)
     return np.ones(len(found), np.uint8)
