@@ -246,3 +246,30 @@ def test_an_intensity_that_is_no_number_is_none(tmp_path: Path) -> None:
         warnings.simplefilter("error")
         maps.write(tmp_path / "a.las", found)
     assert maps.read(tmp_path / "a.las").points["intensity"].tolist() == [0.0, 65535.0, 5.0]
+
+
+@pytest.mark.parametrize(
+    ("intensities", "said"),
+    [
+        ((0.25, 1.0), "intensities of 0.25 to 1 are rounded"),
+        ((-40.0, 20.0), "intensities of -40 to 20 are rounded"),
+        ((0.0, 1e6), "intensities of 0 to 1e+06 are rounded"),
+        ((0.0, 255.0), None),
+        ((3.5, 3000.25), None),
+        ((0.0, 0.0), None),
+    ],
+)
+def test_intensities_that_las_does_not_hold_are_named(
+    tmp_path: Path,
+    intensities: tuple[float, ...],
+    said: str | None,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    source = tmp_path / "a.pcd"
+    points = np.zeros(2, MAP_POINT)
+    points["intensity"] = intensities
+    clouds.write_pcd(source, points, np.zeros(2, np.uint8))
+    for name, lossy in (("a.las", True), ("a.ply", False)):
+        assert cli.main(["map", "convert", str(source), str(tmp_path / name)]) == 0
+        err = capsys.readouterr().err
+        assert (said in err) if said and lossy else not err

@@ -207,6 +207,8 @@ def _written(
     if not len(kept):
         raise maps.MapError(f"none of the {len(found)} points of {source} is left: nothing written")
     maps.write(to, kept)
+    for loss in maps.losses(to, kept):
+        common.said(loss)
     print(f"{to}: {len(kept)} of {len(found)} points")
     return 0
 

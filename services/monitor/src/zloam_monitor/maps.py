@@ -25,6 +25,8 @@ from zloam_monitor.recordings.fields import INTENSITIES
 #: Resolution of coordinates in LAS, and how far its 32 bits then reach.
 LAS_STEP_M = 1e-4
 LAS_REACH_M = LAS_STEP_M * np.iinfo(np.int32).max
+#: Largest intensity in LAS, and the part of a map's range of intensities that may be rounded off.
+LAS_INTENSITY, LAS_INTENSITY_LOSS = 65535, 0.01
 #: Largest difference from a file's coordinates that the 32-bit numbers of a map may have.
 LARGEST_LOSS_M = 0.005
 #: User and number of the record in a LAS file that holds the notes.
@@ -160,7 +162,7 @@ def _write_las(path: Path, found: PointMap, notes: Sequence[str]) -> None:
         )
     las = laspy.LasData(header)
     las.x, las.y, las.z = xyz.T
-    las.intensity = np.clip(np.rint(found.points["intensity"]), 0, 65535).astype(np.uint16)
+    las.intensity = np.clip(np.rint(found.points["intensity"]), 0, LAS_INTENSITY).astype(np.uint16)
     las["layer"] = found.layers
     # laspy chooses between LAS and LAZ by the file's name, but for a stream by do_compress.
     with written_whole(path, "wb") as out:
@@ -185,6 +187,20 @@ def write(path: Path, found: PointMap, notes: Sequence[str] = ()) -> None:
     """Writes the format of the extension, completely or not at all. notes: lines for the header."""
     writable(path)
     WRITERS[path.suffix.lower()](path, found, notes)
+
+
+def losses(path: Path, found: PointMap) -> list[str]:
+    """Texts about what the format of the file does not hold. LAS has whole intensities."""
+    values = found.points["intensity"]
+    if path.suffix.lower() not in (".las", ".laz") or not len(values):
+        return []
+    off = np.abs(values - np.clip(np.rint(values), 0, LAS_INTENSITY)).max()
+    if off <= LAS_INTENSITY_LOSS * np.ptp(values):
+        return []
+    return [
+        f"{path}: intensities of {values.min():g} to {values.max():g} are rounded to whole numbers "
+        f"from 0 to {LAS_INTENSITY}; .pcd and .ply keep them"
+    ]
 
 
 def _endings() -> str:
