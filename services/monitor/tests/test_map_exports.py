@@ -120,3 +120,27 @@ def test_what_cannot_be_is_said(yard: PointMap, tmp_path: Path) -> None:
         map_exports.write_autoware(tmp_path / "there", yard, 20.0)
     with pytest.raises(MapError, match="no points"):
         map_exports.write_autoware(tmp_path / "none", yard.kept(np.array([], np.int64)), 20.0)
+
+
+@pytest.mark.parametrize("edge", ["inf", "nan", "-1", "1e-12", "1e-300"])
+@pytest.mark.parametrize("command", ["grid grid.yaml --cell", "autoware town --tile"])
+def test_no_edge_of_a_cell_ends_in_a_stack_trace(
+    yard: PointMap,
+    tmp_path: Path,
+    command: str,
+    edge: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Nor in a map of other tiles: numbers of cells have 64 bits."""
+    maps.write(source := tmp_path / "map.pcd", yard)
+    verb, to, option = command.split()
+    assert cli.main(["map", verb, str(source), str(tmp_path / to), option, edge]) == 2
+    assert f"{option}: " in (said := capsys.readouterr().err) or "larger --cell" in said
+    assert "RuntimeWarning" not in said
+    assert list(tmp_path.iterdir()) == [source]
+
+
+def test_no_cube_is_too_small_to_be_counted(yard: PointMap) -> None:
+    assert len(maps.thinned(yard, 1e-6)) == len(np.unique(yard.xyz, axis=0))
+    with pytest.raises(MapError, match="--voxel: 1e-20 m is too small"):
+        maps.thinned(yard, 1e-20)

@@ -15,7 +15,7 @@ import yaml
 from numpy.typing import NDArray
 
 from zloam_monitor.files import written_whole
-from zloam_monitor.maps import MapError, MapFileError, MapOptionError, PointMap, write
+from zloam_monitor.maps import MapError, MapFileError, MapOptionError, PointMap, cell_numbers, write
 
 #: Pixel values that map_server reads as occupied, free and unknown with the thresholds below.
 OCCUPIED, FREE, UNKNOWN = 0, 254, 205
@@ -45,17 +45,15 @@ def occupancy(found: PointMap, cell_m: float, height: tuple[float, float]) -> Gr
     """Occupied: a point lies within these heights above the ground around it; free: only ground
     was seen; unknown otherwise."""
     low_m, high_m = height
-    if not cell_m > 0.0:
-        raise MapOptionError(f"--cell: {cell_m:g} m is no edge of a cell")
     if not 0.0 < low_m < high_m:
         raise MapOptionError(f"--height: {low_m:g} to {high_m:g} m is nothing above the ground")
     if not len(found):
         raise MapError("the map has no points: nothing written")
     xyz = found.xyz
+    low = cell_numbers(xyz[:, :2], cell_m, "--cell").min(axis=0) * cell_m
     above_m = xyz[:, 2] - _ground(xyz)
-    low = np.floor(xyz[:, :2].min(axis=0) / cell_m) * cell_m
     at = np.floor((xyz[:, :2] - low) / cell_m).astype(np.int64)
-    columns, rows = at.max(axis=0) + 1
+    columns, rows = (int(count) for count in at.max(axis=0) + 1)
     if rows * columns > MOST_CELLS:
         raise MapOptionError(f"{columns} x {rows} cells: a larger --cell is needed")
     obstacle = (above_m >= low_m) & (above_m <= high_m)
@@ -132,14 +130,12 @@ def write_grid(path: Path, grid: Grid) -> Path:
 def write_autoware(folder: Path, found: PointMap, tile_m: float) -> int:
     """Writes the tiles, their metadata, and a local projector, as the map is not georeferenced.
     Returns the number of tiles."""
-    if not tile_m > 0.0:
-        raise MapOptionError(f"--tile: {tile_m:g} m is no edge of a tile")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise MapFileError(f"{folder}: exists already; name a folder that does not")
     if not len(found):
         raise MapError("the map has no points: nothing written")
     tiles, which = np.unique(
-        np.floor(found.xyz[:, :2] / tile_m).astype(np.int64), axis=0, return_inverse=True
+        cell_numbers(found.xyz[:, :2], tile_m, "--tile"), axis=0, return_inverse=True
     )
     which = which.ravel()
     described: dict[str, float | list[float]] = {"x_resolution": tile_m, "y_resolution": tile_m}

@@ -29,6 +29,8 @@ LAS_REACH_M = LAS_STEP_M * np.iinfo(np.int32).max
 LAS_INTENSITY, LAS_INTENSITY_LOSS = 65535, 0.01
 #: Largest difference from a file's coordinates that the 32-bit numbers of a map may have.
 LARGEST_LOSS_M = 0.005
+#: Limit on the number of a cell of a grid.
+MOST_STEPS = 2**40
 #: User and number of the record in a LAS file that holds the notes.
 LAS_USER, LAS_NOTES = "zenoh-loam", 1
 
@@ -230,6 +232,17 @@ def check_voxel(voxel_m: float) -> None:
         raise MapOptionError(f"--voxel: {voxel_m:g} m is no edge of a cube")
 
 
+def cell_numbers(values_m: NDArray[np.float64], edge_m: float, option: str) -> NDArray[np.int64]:
+    """The numbers of the cells of this edge that the coordinates lie in."""
+    if not 0.0 < edge_m < np.inf:
+        raise MapOptionError(f"{option}: {edge_m:g} m is no edge of a cell")
+    # Below the resolution of the coordinates, each point has a cell of its own; far below it, the
+    # numbers of the cells do not fit in 64 bits.
+    if np.abs(values_m).max(initial=0.0) > MOST_STEPS * edge_m:
+        raise MapOptionError(f"{option}: {edge_m:g} m is too small for a map of this extent")
+    return np.floor(values_m / edge_m).astype(np.int64)
+
+
 def thinned(found: PointMap, voxel_m: float) -> PointMap:
     """For each cube with this edge, the point nearest to the mean of its points."""
     check_voxel(voxel_m)
@@ -237,7 +250,7 @@ def thinned(found: PointMap, voxel_m: float) -> PointMap:
         return found
     xyz = found.xyz
     _, cube, count = np.unique(
-        np.floor(xyz / voxel_m).astype(np.int64), axis=0, return_inverse=True, return_counts=True
+        cell_numbers(xyz, voxel_m, "--voxel"), axis=0, return_inverse=True, return_counts=True
     )
     cube = cube.ravel()
     means = np.column_stack([np.bincount(cube, xyz[:, axis]) for axis in range(3)])
