@@ -144,3 +144,28 @@ def test_no_cube_is_too_small_to_be_counted(yard: PointMap) -> None:
     assert len(maps.thinned(yard, 1e-6)) == len(np.unique(yard.xyz, axis=0))
     with pytest.raises(MapError, match="--voxel: 1e-20 m is too small"):
         maps.thinned(yard, 1e-20)
+
+
+def test_a_folder_for_autoware_is_whole_or_not_there(
+    yard: PointMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An interrupted command can be repeated: nothing is left that it would refuse to replace."""
+    written: list[Path] = []
+
+    def interrupted(path: Path, found: PointMap) -> None:
+        written.append(path)
+        if len(written) == 3:
+            raise KeyboardInterrupt
+        maps.write(path, found)
+
+    monkeypatch.setattr(map_exports, "write", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        map_exports.write_autoware(tmp_path / "town", yard, 20.0)
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "town").mkdir()
+    assert map_exports.write_autoware(tmp_path / "town", yard, 20.0) > 1
+    assert sorted(path.name for path in (tmp_path / "town").iterdir()) == [
+        "map_projector_info.yaml",
+        "pointcloud_map.pcd",
+        "pointcloud_map_metadata.yaml",
+    ]

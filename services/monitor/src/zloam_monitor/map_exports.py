@@ -7,6 +7,9 @@ map_projector_info.yaml (Autoware's map loaders). Frame and origin are those of 
 from __future__ import annotations
 
 import math
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -128,8 +131,8 @@ def write_grid(path: Path, grid: Grid) -> Path:
 
 
 def write_autoware(folder: Path, found: PointMap, tile_m: float) -> int:
-    """Writes the tiles, their metadata, and a local projector, as the map is not georeferenced.
-    Returns the number of tiles."""
+    """Writes a folder with the tiles, their metadata, and a local projector, as the map is not
+    georeferenced: all of it or nothing. Returns the number of tiles."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise MapFileError(f"{folder}: exists already; name a folder that does not")
     if not len(found):
@@ -137,15 +140,39 @@ def write_autoware(folder: Path, found: PointMap, tile_m: float) -> int:
     tiles, which = np.unique(
         cell_numbers(found.xyz[:, :2], tile_m, "--tile"), axis=0, return_inverse=True
     )
-    which = which.ravel()
+    with _filled(folder) as made:
+        _write_tiles(made, found, np.float64(tile_m) * tiles, which.ravel(), tile_m)
+    return len(tiles)
+
+
+@contextmanager
+def _filled(folder: Path) -> Iterator[Path]:
+    """A folder whose contents move into this empty or new one at the end of the block."""
+    new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with tempfile.TemporaryDirectory(".part", ".", folder) as made:
+            yield Path(made)
+            # The metadata last: without this file no program takes the folder for a map.
+            for each in sorted(Path(made).iterdir()):
+                each.rename(folder / each.name)
+    except BaseException:
+        if new:
+            folder.rmdir()
+        raise
+
+
+def _write_tiles(
+    folder: Path, found: PointMap, corners_m: Array, which: NDArray[np.int64], tile_m: float
+) -> None:
+    """corners_m: lower left corner of each tile; which: the tile of each point."""
     described: dict[str, float | list[float]] = {"x_resolution": tile_m, "y_resolution": tile_m}
-    for number, (i, j) in enumerate(tiles):
+    for number, corner_m in enumerate(corners_m):
+        i, j = np.rint(corner_m / tile_m).astype(np.int64)
         name = f"{i}_{j}.pcd"
         write(folder / "pointcloud_map.pcd" / name, found.kept(which == number))
-        described[name] = [float(i * tile_m), float(j * tile_m)]
+        described[name] = [float(corner_m[0]), float(corner_m[1])]
     with written_whole(folder / "map_projector_info.yaml") as text:
         yaml.safe_dump({"projector_type": "Local"}, text)
-    # The metadata last: without this file no program takes the folder for a map.
     with written_whole(folder / "pointcloud_map_metadata.yaml") as text:
         yaml.safe_dump(described, text, sort_keys=False)
-    return len(tiles)
