@@ -66,3 +66,26 @@ def test_one_point_is_a_cloud(tmp_path: Path) -> None:
     ascii_pcd(tmp_path / "a.pcd", 1)
     points, _, _ = READERS[".pcd"](tmp_path / "a.pcd")
     assert points["y"].tolist() == [2.0]
+
+
+HEAD = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "why"),
+    [
+        *((f"a{suffix}", "", "is empty") for suffix in READERS),
+        # As many lines as no memory holds; the reader once asked for each of them.
+        ("a.ply", HEAD.format(10**15) + "end_header\n1\n", f"not {10**15} lines of 1 numbers"),
+        ("a.ply", "ply\nformat\nend_header\n", "its header has a line 'format'"),
+        ("a.ply", "ply\nformat ascii 1.0\nelement vertex\n", "a line 'element vertex'"),
+        ("a.ply", HEAD.format(1) + "property float\nend_header\n1\n", "a line 'property float'"),
+    ],
+)
+def test_a_header_that_can_not_be(
+    tmp_path: Path, name: str, text: str, why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    assert cli.main(["map", "info", str(path)]) == 3
+    assert why in capsys.readouterr().err

@@ -74,6 +74,8 @@ def read(path: Path) -> PointMap:
         raise MapOptionError(f"{path}: {_endings()} is expected")
     if not path.is_file():
         raise MapFileError(f"{path}: No such file")
+    if not path.stat().st_size:
+        raise MapFileError(f"{path}: is empty")
     try:
         found, _, _ = READERS[path.suffix.lower()](path)
     except Exception as error:  # Each library has error types of its own.

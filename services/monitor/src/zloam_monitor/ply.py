@@ -6,6 +6,7 @@ A reader of our own, as plyfile is under the GPL and meshio does not support 16-
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -32,6 +33,8 @@ TYPES = {
     "float64": "f8",
 }
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+#: Number of words in these lines of a header.
+LEAST_WORDS = {"format": 2, "element": 3, "property": 3}
 #: Limit on the lines of a header.
 MOST_LINES = 1000
 
@@ -42,8 +45,9 @@ def vertices(path: Path) -> NDArray[Any]:
         form, count, properties = _header(file)
         dtype = np.dtype([(name, FORMATS[form] + TYPES[kind]) for kind, name in properties])
         if form == "ascii":
-            rows = [tuple(file.readline().split()) for _ in range(count)]
-            if any(len(row) != len(properties) for row in rows):
+            # Lines that are there: a header may name any number of them.
+            rows = [tuple(line.split()) for line in islice(file, count)]
+            if len(rows) < count or any(len(row) != len(properties) for row in rows):
                 raise ValueError(f"not {count} lines of {len(properties)} numbers")
             return np.array(rows, dtype)
         points = np.fromfile(file, dtype, count)
@@ -58,6 +62,8 @@ def _header(file: BinaryIO) -> tuple[str, int, list[tuple[str, str]]]:
     form, count, properties, element = "", -1, list[tuple[str, str]](), ""
     for _ in range(MOST_LINES):
         words = file.readline().decode("ascii", "replace").split()
+        if len(words) < LEAST_WORDS.get(words[0] if words else "", 0):
+            raise ValueError(f"its header has a line '{' '.join(words)}'")
         if words[:1] == ["format"]:
             form = words[1]
         elif words[:1] == ["element"]:
