@@ -137,3 +137,24 @@ def test_the_readme_lists_the_commands_that_answer_so() -> None:
     text = (Path(__file__).parents[1] / "README.md").read_text()
     listed = text.split("for each look:")[1].split(". Names")[0]
     assert set(re.findall(r"`([^`]+)`", listed)) == with_json(typer.main.get_command(cli.app))
+
+
+@pytest.mark.parametrize(
+    ("report", "code"),
+    [
+        ("[" * 200_000, 3),
+        ('{"cpu_ms_per_sweep": null, "health": {"counts": {"ok": "x"}}}', 0),
+        ('{"identities": {"given_up": {"a": "b"}}, "health": {"counts": {"ok": [1]}}}', 0),
+        ('\ufeff{"path_m": 3}', 0),
+    ],
+)
+def test_a_damaged_report_is_compared_or_named(
+    tmp_path: Path, report: str, code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, other = (a_run(tmp_path / name, drive(50)) for name in ("a", "b"))
+    (other / "report.json").write_text(report, encoding="utf-8")
+    for runs in ((whole, other), (other, whole)):
+        assert cli.main(["compare", *map(str, runs)]) == code
+        said = capsys.readouterr()
+        named = f"{other / 'report.json'}: "
+        assert named in said.err if code else "the same poses" in said.out

@@ -44,12 +44,12 @@ def read(folder: Path) -> Finished:
     """Reads a run's results; raises TrajectoryError with the file and the reason."""
     path = folder / "report.json"
     try:
-        report = json.loads(path.read_text())
+        report = json.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError as error:
         raise TrajectoryError(
             f"{path}: No such file; the folder that a run has left is expected, e.g. out/demo"
         ) from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise TrajectoryError(f"{path}: cannot be read: {error}") from error
     if not isinstance(report, dict):
         raise TrajectoryError(f"{path}: is no report of a run")
@@ -84,7 +84,7 @@ def _figure(report: dict[str, Any], where: tuple[str, ...]) -> float | None:
     for name in where:
         value = value.get(name) if isinstance(value, dict) else None
     if isinstance(value, dict):  # Counts by reason.
-        value = sum(value.values())
+        value = sum(each for each in value.values() if isinstance(each, (int, float)))
     return float(value) if isinstance(value, (int, float)) else None
 
 
@@ -111,7 +111,8 @@ class Compared:
 def _figures(first: Finished, second: Finished) -> dict[str, tuple[float | None, float | None]]:
     """The figures that at least one run has; those of the health only if they differ."""
     wheres = {name: where for name, where, _ in FIGURES}
-    for stage in first.report.get("cpu_ms_per_sweep", {}):
+    costs = first.report.get("cpu_ms_per_sweep")
+    for stage in costs if isinstance(costs, dict) else ():
         wheres[f"CPU of {stage}, ms"] = ("cpu_ms_per_sweep", stage)
     pairs = {
         name: (_figure(first.report, where), _figure(second.report, where))
@@ -125,11 +126,13 @@ def _figures(first: Finished, second: Finished) -> dict[str, tuple[float | None,
     return {name: pair for name, pair in pairs.items() if pair != (None, None)}
 
 
-def _health(report: dict[str, Any]) -> dict[str, int] | None:
+def _health(report: dict[str, Any]) -> dict[str, float] | None:
     """Number of poses by their health; those that do not occur are left out. None: not reported."""
     health = report.get("health")
     counts = health.get("counts") if isinstance(health, dict) else None
-    return counts if isinstance(counts, dict) else None
+    if not isinstance(counts, dict):
+        return None
+    return {state: n for state, n in counts.items() if isinstance(n, (int, float))}
 
 
 def compared(first: Finished, second: Finished) -> Compared:
