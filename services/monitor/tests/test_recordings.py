@@ -100,3 +100,15 @@ def test_a_time_model_that_there_is_not_is_a_wrong_configuration(
     settings = [] if by_file else ["driver.time_model=foo"]
     with pytest.raises(Misuse, match=r"driver\.time_model: foo is none of none, clockwise"):
         sources.from_bag(folder, settings, robot)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-0.1", "0", "1e400"])
+def test_a_period_that_is_none_is_refused(
+    tmp_path: Path, value: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clouds.write_pcd(tmp_path / "1.pcd", np.zeros(1, MAP_POINT), np.zeros(1, np.uint8))
+    assert cli.main(["recording", str(tmp_path), "--period-s", value]) == 2
+    assert "driver.scan_period_s: " in capsys.readouterr().err
+    assert cli.main(["recording", str(tmp_path), "--seam-deg", "nan"]) == 2
+    with pytest.raises(Misuse, match="scan_period_s"):
+        sources.asked({"driver.scan_period_s": value})

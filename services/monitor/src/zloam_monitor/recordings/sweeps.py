@@ -25,6 +25,8 @@ JUDGED = 10
 USUAL = 0.1
 #: Longest sweep: its period is measured up to the part above, and is sent with 32 bits in ns.
 LONGEST_NS = 3_900_000_000
+#: Lower end of driver.scan_period_s.
+SHORTEST_S = 0.01
 #: A cloud whose time is at most this much before the last one's came twice, or late; a larger step
 #: is one of a clock that was set.
 LATE_NS = 1_000_000_000
@@ -45,6 +47,11 @@ class Timing:
     def __post_init__(self) -> None:
         if self.model not in MODELS:
             raise Misuse(f"driver.time_model: {self.model} is none of {', '.join(MODELS)}")
+        # NaN is in no range. A longer period is refused with the sweeps that would have it.
+        if not SHORTEST_S <= self.period_s < np.inf:
+            raise Misuse(f"driver.scan_period_s: {self.period_s:g} s is no period of a revolution")
+        if not abs(self.seam_deg) <= 360.0:
+            raise Misuse(f"driver.scan_seam_deg: {self.seam_deg:g} is none of -360 to 360 deg")
 
 
 @dataclass(frozen=True)
