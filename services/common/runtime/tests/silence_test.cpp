@@ -7,7 +7,7 @@
 #include <future>
 #include <thread>
 
-#include "common/runtime/sequencer.hpp"
+#include "common/runtime/tests/sequencer_bench.hpp"
 #include "common/runtime/tests/support.hpp"
 
 namespace zloam::runtime {
@@ -25,12 +25,7 @@ class Input {
   explicit Input(bool replay = false) : replay_(replay) {}
 
   std::optional<Drop> add(std::uint64_t sweep, bool recovered) {
-    const auto buffer =
-        std::make_shared<Buffer>(build(sweep_header(1, sweep, replay_), SweepFields{}));
-    Message m;
-    m.bytes = {buffer->data(), buffer->size()};
-    m.header = message_of<msg::Sweep>(m.bytes).header();
-    m.owner = buffer;
+    Message m = test::message({.sweep = sweep, .seq = sweep, .replay = replay_});
     m.recovered = recovered;
     return sequencer.add(std::move(m), now_ns);
   }
