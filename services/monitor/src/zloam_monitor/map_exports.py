@@ -141,7 +141,7 @@ def write_autoware(folder: Path, found: PointMap, tile_m: float) -> int:
         cell_numbers(found.xyz[:, :2], tile_m, "--tile"), axis=0, return_inverse=True
     )
     with _filled(folder) as made:
-        _write_tiles(made, found, np.float64(tile_m) * tiles, which.ravel(), tile_m)
+        _write_tiles(made, found, tiles, which.ravel(), tile_m)
     return len(tiles)
 
 
@@ -163,15 +163,18 @@ def _filled(folder: Path) -> Iterator[Path]:
 
 
 def _write_tiles(
-    folder: Path, found: PointMap, corners_m: Array, which: NDArray[np.int64], tile_m: float
+    folder: Path,
+    found: PointMap,
+    tiles: NDArray[np.int64],
+    which: NDArray[np.int64],
+    tile_m: float,
 ) -> None:
-    """corners_m: lower left corner of each tile; which: the tile of each point."""
+    """tiles: numbers along x and y of each tile; which: the tile of each point."""
     described: dict[str, float | list[float]] = {"x_resolution": tile_m, "y_resolution": tile_m}
-    for number, corner_m in enumerate(corners_m):
-        i, j = np.rint(corner_m / tile_m).astype(np.int64)
+    for number, (i, j) in enumerate(tiles):
         name = f"{i}_{j}.pcd"
         write(folder / "pointcloud_map.pcd" / name, found.kept(which == number))
-        described[name] = [float(corner_m[0]), float(corner_m[1])]
+        described[name] = [float(i * tile_m), float(j * tile_m)]
     with written_whole(folder / "map_projector_info.yaml") as text:
         yaml.safe_dump({"projector_type": "Local"}, text)
     with written_whole(folder / "pointcloud_map_metadata.yaml") as text:
