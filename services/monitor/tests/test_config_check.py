@@ -13,7 +13,7 @@ LATIN_1 = "robot: caf\xe9\n".encode("latin-1")
 
 
 def stage(path: Path, script: str) -> Path:
-    """A program in place of a stage."""
+    """A program that answers instead of a stage."""
     path.write_text(f"#!/bin/sh\n{script}\n")
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
     return path
