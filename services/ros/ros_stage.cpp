@@ -83,9 +83,9 @@ RosStage::RosStage(runtime::Stage& stage, const RosConfig& config)
   pose_ = node_.publish(topic("pose"), kPoseType, kReliable);
   transforms_ = node_.publish("/tf", kTransformsType, kTransforms);
   static_transforms_ = node_.publish("/tf_static", kTransformsType, kLatched);
-  path_ = node_.publish(topic("path"), kPathType, kLatched);
-  points_ = node_.publish(topic("points"), kCloudType, kSensor);
-  map_ = node_.publish(topic("map"), kCloudType, kLatched);
+  path_ = node_.publish(topic("path"), kPathType, kLatched, Size::kLarge);
+  points_ = node_.publish(topic("points"), kCloudType, kSensor, Size::kLarge);
+  map_ = node_.publish(topic("map"), kCloudType, kLatched, Size::kLarge);
   diagnostics_ = node_.publish("/diagnostics", kDiagnosticsType, kReliable);
   say_mounting();
   wire();
@@ -149,6 +149,7 @@ void RosStage::begin_map(std::uint64_t map_id) {
 }
 
 void RosStage::take(const runtime::Received<msg::Odometry>& m) {
+  replay_ = m.replay();
   OdometryStep step;
   step.run = m.run();
   step.sweep = m.sweep();
@@ -166,14 +167,15 @@ void RosStage::take(const runtime::Received<msg::Odometry>& m) {
   out.twist = twist_of(m->twist());
   out.pose_covariance = uncertainty.pose;
   out.twist_covariance = uncertainty.twist;
-  odometry_->put(encode(out), step.instant_ns);
+  odometry_->put(encode(out), step.instant_ns, replay_);
   const std::vector<TransformMessage> transform = {
       {out.header, out.child_frame, out.T_frame_child}};
-  transforms_->put(encode(transform), step.instant_ns);
+  transforms_->put(encode(transform), step.instant_ns, replay_);
   say_corrections();
 }
 
 void RosStage::take(const runtime::Received<msg::MapPose>& m) {
+  replay_ = m.replay();
   health_ = health_of(m->health());
   last_pose_ns_ = runtime::steady_ns();
   placed_.add(m.sweep(), is_placed(health_));
@@ -182,7 +184,7 @@ void RosStage::take(const runtime::Received<msg::MapPose>& m) {
   out.header = {m->instant_ns(), frame("map")};
   out.T_frame_base = pose_of(m->pose_map_base());
   out.covariance = about_frame_axes(out.T_frame_base, covariance_of(m->covariance()));
-  pose_->put(encode(out), m->instant_ns());
+  pose_->put(encode(out), m->instant_ns(), replay_);
   path_of_run_.add(m->instant_ns(), out.T_frame_base);
   path_grew_ = true;
   tree_.add(MapStep{m.run(), m.sweep(), m->instant_ns(), out.T_frame_base});
@@ -193,7 +195,7 @@ void RosStage::say_corrections() {
   for (const auto& [instant_ns, T_map_odom] : tree_.take_corrections()) {
     const std::vector<TransformMessage> transform = {
         {{instant_ns, frame("map")}, frame("odom"), T_map_odom}};
-    transforms_->put(encode(transform), instant_ns);
+    transforms_->put(encode(transform), instant_ns, replay_);
   }
 }
 
@@ -203,7 +205,7 @@ void RosStage::say_mounting() {
   const std::vector<TransformMessage> transforms = {
       {header, frame(stage_.shared().sensor.name), mounting.T_base_lidar()},
       {header, frame("imu"), mounting.T_base_imu()}};
-  static_transforms_->put(encode(transforms), header.stamp_ns);
+  static_transforms_->put(encode(transforms), header.stamp_ns, replay_);
 }
 
 // A cloud waits for its sweep's pose, and is not shown if that is not known: it would lie at the
@@ -219,7 +221,8 @@ void RosStage::say_points() {
     if (!placed) return false;
     if (*placed) {
       const Stamped header{cloud->instant_ns(), frame("map")};
-      points_->put(encode(CloudMessage{header, map_points_of(cloud->points())}), header.stamp_ns);
+      points_->put(encode(CloudMessage{header, map_points_of(cloud->points())}), header.stamp_ns,
+                   replay_);
     }
     return true;
   });
@@ -230,7 +233,7 @@ void RosStage::say_path() {
   PathMessage out;
   out.poses = path_of_run_.poses();
   out.header = {out.poses.empty() ? stage_.now_ns() : out.poses.back().first, frame("map")};
-  path_->put(encode(out), out.header.stamp_ns);
+  path_->put(encode(out), out.header.stamp_ns, replay_);
   path_grew_ = false;
 }
 
@@ -274,7 +277,7 @@ void RosStage::say_map() {
     all.insert(all.end(), tile.points.begin(), tile.points.end());
   }
   const Stamped header{stage_.now_ns(), frame("map")};
-  map_->put(encode(CloudMessage{header, all}), header.stamp_ns);
+  map_->put(encode(CloudMessage{header, all}), header.stamp_ns, replay_);
   map_grew_ = false;
   last_map_ns_ = now_ns;
 }
@@ -324,7 +327,7 @@ void RosStage::say_diagnostics() {
     out.all.push_back(std::move(d));
     ++it;
   }
-  diagnostics_->put(encode(out), out.header.stamp_ns);
+  diagnostics_->put(encode(out), out.header.stamp_ns, replay_);
 }
 
 void RosStage::take_imu() {

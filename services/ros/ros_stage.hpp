@@ -80,6 +80,8 @@ class RosStage {
   runtime::AsyncGet placing_;
   std::shared_ptr<runtime::Shared> bell_ = std::make_shared<runtime::Shared>();
 
+  /// whether the last message belonged to a replay
+  bool replay_ = false;
   PoseTree tree_;
   std::int64_t last_odometry_ns_ = 0;
   ThinnedPath path_of_run_;

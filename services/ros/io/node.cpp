@@ -30,10 +30,10 @@ zenoh::Config session_config(const RosConfig& config) {
   return c;
 }
 
-zenoh::PublisherOptions options_of(const Qos& qos) {
+zenoh::PublisherOptions options_of(const Qos& qos, Size size, zenoh::CongestionControl when_full) {
   zenoh::PublisherOptions options;
-  // A slow ROS node must not block the stages: messages of reliable topics are dropped too.
-  options.congestion_control = zenoh::CongestionControl::kDrop;
+  options.congestion_control = when_full;
+  options.priority = size == Size::kLarge ? zenoh::Priority::kDataLow : zenoh::Priority::kData;
   options.reliable = !qos.best_effort;
   return options;
 }
@@ -46,12 +46,17 @@ NodeNames names_of(const RosConfig& config, const std::string& zid, const std::s
 }  // namespace
 
 Publication::Publication(zenoh::Session& session, const NodeNames& node, int entity,
-                         const Topic& topic)
+                         const Topic& topic, Size size)
     : key_(data_key(node, topic)),
       gid_(gid_of(topic_token(node, EntityKind::kPublisher, entity, topic))),
-      publisher_(session.declare_publisher(key_, options_of(topic.qos))),
+      live_(session.declare_publisher(
+          key_, options_of(topic.qos, size, zenoh::CongestionControl::kDrop))),
       token_(session.declare_liveliness_token(
           topic_token(node, EntityKind::kPublisher, entity, topic))) {
+  if (!topic.qos.best_effort) {
+    replay_ = session.declare_publisher(
+        key_, options_of(topic.qos, size, zenoh::CongestionControl::kBlock));
+  }
   if (topic.qos.transient_local) keep_the_last(session, node.zid, entity);
 }
 
@@ -68,7 +73,7 @@ void Publication::keep_the_last(zenoh::Session& session, const std::string& zid,
   history_token_ = session.declare_liveliness_token(key);
 }
 
-void Publication::put(Cdr message, std::int64_t source_ns) {
+void Publication::put(Cdr message, std::int64_t source_ns, bool replay) {
   const Attachment attached = attachment(++number_, source_ns, gid_);
   const zenoh::Bytes beside = zenoh::Bytes::copy_of(attached);
   const zenoh::Bytes payload = zenoh::Bytes::own(std::move(message));
@@ -76,7 +81,8 @@ void Publication::put(Cdr message, std::int64_t source_ns) {
     const std::lock_guard lock(last_->mutex);
     last_->message = {payload, beside};
   }
-  publisher_.put(payload, beside);
+  zenoh::Publisher& publisher = replay && replay_ ? *replay_ : live_;
+  publisher.put(payload, beside);
 }
 
 Node::Node(const RosConfig& config, const std::string& name)
@@ -101,8 +107,9 @@ std::size_t Node::others() const {
 }
 
 std::unique_ptr<Publication> Node::publish(const std::string& topic, const MessageType& type,
-                                           const Qos& qos) {
-  return std::make_unique<Publication>(session_, names_, ++entities_, Topic{topic, type, qos});
+                                           const Qos& qos, Size size) {
+  return std::make_unique<Publication>(session_, names_, ++entities_, Topic{topic, type, qos},
+                                       size);
 }
 
 void Node::subscribe(const std::string& topic, const MessageType& type, const Qos& qos,

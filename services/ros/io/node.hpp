@@ -15,14 +15,21 @@
 
 namespace zloam::ros {
 
+/// Zenoh queues each priority by itself: clouds and maps that fill their queue on the way to a slow
+/// node displace no poses.
+enum class Size : std::uint8_t { kSmall, kLarge };
+
 /// A topic that this node publishes. put() from one thread.
 class Publication {
  public:
-  Publication(zenoh::Session& session, const NodeNames& node, int entity, const Topic& topic);
+  Publication(zenoh::Session& session, const NodeNames& node, int entity, const Topic& topic,
+              Size size);
 
   /// Whether the topic has a subscriber now.
-  bool matching() const { return publisher_.matching(); }
-  void put(Cdr message, std::int64_t source_ns);
+  bool matching() const { return live_.matching(); }
+  /// Live, a slow ROS node must not block the robot: messages that it has no room for are dropped.
+  /// In a replay, those of reliable topics wait for it.
+  void put(Cdr message, std::int64_t source_ns, bool replay);
 
  private:
   /// The last message, for late subscribers of a transient-local topic.
@@ -34,7 +41,9 @@ class Publication {
 
   std::string key_;
   Gid gid_;
-  zenoh::Publisher publisher_;
+  zenoh::Publisher live_;
+  /// reliable topics only
+  std::optional<zenoh::Publisher> replay_;
   zenoh::LivelinessToken token_;
   std::shared_ptr<Last> last_;
   std::optional<zenoh::Queryable> history_;
@@ -48,7 +57,7 @@ class Node {
   Node(const RosConfig& config, const std::string& name);
 
   std::unique_ptr<Publication> publish(const std::string& topic, const MessageType& type,
-                                       const Qos& qos);
+                                       const Qos& qos, Size size = Size::kSmall);
   /// The callback runs on Zenoh's threads.
   void subscribe(const std::string& topic, const MessageType& type, const Qos& qos,
                  std::function<void(zenoh::Sample&&)> callback);
