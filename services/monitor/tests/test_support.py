@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import json
 import zipfile
 from pathlib import Path
@@ -13,8 +14,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fake_session import FakeSession
-from zloam_monitor import cli, comparison, compose, discovery, messages, support, trajectory
+from zloam_monitor import (
+    cli,
+    comparison,
+    compose,
+    discovery,
+    messages,
+    pose_table,
+    support,
+    trajectory,
+)
 from zloam_monitor.link import Link, LinkError
+from zloam_monitor.records import HEALTH, PoseRecord
 from zloam_monitor.trajectory import Trajectory, TrajectoryError
 
 
@@ -92,10 +103,51 @@ def test_a_trajectory_becomes_a_table(tmp_path: Path) -> None:
     trajectory.write_tum(tmp_path / "a.tum", drive(3))
     assert cli.main(["trajectory", str(tmp_path / "a.tum"), str(tmp_path / "a.csv")]) == 0
     lines = (tmp_path / "a.csv").read_text().splitlines()
-    assert lines[0] == "number,time_s,x_m,y_m,z_m,qx,qy,qz,qw"
-    assert lines[2].startswith("1,1000000000.100000000,0.500000000,0.000000000,")
+    assert lines[0] == "time_s,x_m,y_m,z_m,qx,qy,qz,qw,number"
+    assert lines[2].startswith("1000000000.100000000,0.500000000,0.000000000,")
+    assert lines[2].endswith(",1")
     assert cli.main(["trajectory", str(tmp_path / "a.tum"), str(tmp_path / "a.kitti")]) == 0
     assert len((tmp_path / "a.kitti").read_text().splitlines()) == 3
+
+
+def test_a_table_of_a_run_has_covariances_and_is_read_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The second of three poses is missing in the run's own table."""
+    trajectory.write_tum(tmp_path / "a.tum", drive(3))
+    poses = {
+        sweep: PoseRecord(
+            run=1,
+            sweep=sweep,
+            instant_ns=1_000_000_000_000_000_000 + sweep * 100_000_000,
+            translation=np.zeros(3),
+            quaternion=np.array([0.0, 0.0, 0.0, 1.0]),
+            health=HEALTH.index("degenerate"),
+            last_packet_ns=0,
+            end_of_run=False,
+            trace=(),
+            covariance=tuple(range(36)),
+        )
+        for sweep in (0, 2)
+    }
+    pose_table.write(tmp_path / "poses.csv", poses)
+    assert cli.main(["trajectory", str(tmp_path / "a.tum"), str(tmp_path / "a.csv")]) == 0
+    assert "3 poses, 2 with covariances of" in capsys.readouterr().out
+    with (tmp_path / "a.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["health"] for row in rows] == ["degenerate", "", "degenerate"]
+    assert [float(rows[2][f"c{i}{j}"]) for i in range(6) for j in range(6)] == list(range(36))
+    back, whole = trajectory.read(tmp_path / "a.csv"), trajectory.read(tmp_path / "a.tum")
+    np.testing.assert_array_equal(back.stamps_ns, whole.stamps_ns)
+    np.testing.assert_allclose(back.transforms, whole.transforms, atol=2e-9)
+
+
+def test_a_table_without_times_is_no_trajectory(tmp_path: Path) -> None:
+    """Otherwise its positions would be taken for times."""
+    trajectory.write_kitti(tmp_path / "a.kitti", drive(3))
+    assert cli.main(["trajectory", str(tmp_path / "a.kitti"), str(tmp_path / "a.csv")]) == 0
+    with pytest.raises(TrajectoryError, match="line 2: a cell without a number"):
+        trajectory.read(tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize("to", ["a.txt", "a"])

@@ -223,21 +223,28 @@ def trajectory(
         ),
     ],
 ) -> int:
-    """Convert a trajectory to another format."""
+    """Convert a trajectory to another format.
+
+    A .csv also has health, degenerate direction and covariance of each pose, from the poses.csv
+    beside a run's trajectory.
+    """
+    from zloam_monitor import pose_table
     from zloam_monitor import trajectory as trajectories
 
-    written = {
-        ".tum": trajectories.write_tum,
-        ".kitti": trajectories.write_kitti,
-        ".csv": trajectories.write_csv,
-    }
-    if to.suffix.lower() not in written:
-        raise Misuse(f"{to}: {', '.join(written)} is expected")
+    written = {".tum": trajectories.write_tum, ".kitti": trajectories.write_kitti}
+    ending = to.suffix.lower()
+    if ending not in (*written, ".csv"):
+        raise Misuse(f"{to}: {', '.join((*written, '.csv'))} is expected")
     found = trajectories.read(source)
     for remark in trajectories.remarks(source, found):
         common.said(remark)
-    written[to.suffix.lower()](to, found)
-    print(f"{to}: {len(found)} poses")
+    if ending in written:
+        written[ending](to, found)
+        print(f"{to}: {len(found)} poses")
+        return 0
+    known = pose_table.beside(source)
+    trajectories.write_csv(to, found, known)
+    print(f"{to}: {len(found)} poses, {pose_table.extent(source, known, found.stamps_ns)}")
     return 0
 
 

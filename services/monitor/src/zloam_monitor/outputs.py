@@ -16,12 +16,12 @@ from zloam_monitor import (
     evaluation,
     html_report,
     picture,
+    pose_table,
     references,
     report,
     trajectory,
 )
 from zloam_monitor.claims import Claim
-from zloam_monitor.files import written_whole
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.report import Run
 from zloam_monitor.stages import PORT_ORDER
@@ -228,20 +228,6 @@ def write_picture(folder: Path, title: str, run: Run) -> None:
     picture.draw(Files(folder).picture, scene)
 
 
-def write_poses(path: Path, run: Run) -> None:
-    """Writes health, degenerate direction and covariance of each fused pose."""
-    cells = [f"c{i}{j}" for i in range(6) for j in range(6)]
-    with written_whole(path) as out:
-        columns = ["sweep", "instant_ns", "health", "degenerate", "weak_x", "weak_y", "weak_z"]
-        out.write(",".join([*columns, *cells]) + "\n")
-        for sweep in sorted(run.poses):
-            pose = run.poses[sweep]
-            covariance = pose.covariance if len(pose.covariance) == 36 else (0.0,) * 36
-            said = (sweep, pose.instant_ns, pose.health, int(pose.degenerate))
-            numbers = [f"{v:.9g}" for v in (*pose.weak_translation, *covariance)]
-            out.write(",".join([*map(str, said), *numbers]) + "\n")
-
-
 def missing_files(folder: Path, run: Run) -> list[str]:
     """The stages' files that are missing although there was something to write."""
     files = Files(folder)
@@ -297,7 +283,7 @@ def write_all(
         stamped = stamped_truth(truth, run.trajectory)
         if stamped.stamps_ns is not None:
             trajectory.write_tum(files.ground_truth, stamped)
-    write_poses(files.poses, run)
+    pose_table.write(files.poses, run.poses)
     found = report.build(run)
     found["trajectory_file"] = trajectory_file(folder, run)
     found["not_written"] = [

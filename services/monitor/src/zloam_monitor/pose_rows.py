@@ -2,7 +2,7 @@
 
 Columns are separated by blanks, tabs, commas or semicolons; `#` begins a comment. A byte order
 mark and other encodings in comments are ignored, and so is one line of column names, unless it
-names another order of the columns.
+names another order of the columns. Columns that it names after TUM's are not read.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ LARGEST_SECONDS = 1e11
 UNIT_TOLERANCE = 0.01
 #: Last letters of the names of a TUM file's columns; the time's is none of them.
 TUM_ORDER = ".xyzxyzw"
+#: Before the last number: some programs end each line with commas.
+_EMPTY_CELL = re.compile(r"^\s*[,;]|[,;]\s*[,;]\s*[^,;\s]")
 #: Unit at the end of a column's name.
 _UNIT = re.compile(r"\s*(\[.*\]|\(.*\)|_m)$")
 
@@ -56,11 +58,13 @@ def read_rows(path: Path) -> tuple[list[Row], Array]:
         for number, line in enumerate(text.splitlines(), 1)
         if (cells := _cells(line, f"{path}, line {number}"))
     ]
-    _check_order(path, text.splitlines())
+    names = _names(path, text.splitlines())
     if rows and not any(_is_number(cell) for cell in rows[0].cells):
         rows = rows[1:]  # The first row has names of columns.
     if not rows:
         raise TrajectoryError(f"{path}: no poses")
+    if names.startswith(TUM_ORDER):
+        rows = [Row(row.where, row.cells[: len(TUM_ORDER)]) for row in rows]
     for row in rows:
         if len(row.cells) != len(rows[0].cells):
             raise TrajectoryError(
@@ -75,13 +79,14 @@ def _text(data: bytes) -> str:
     return data.decode("utf-8-sig", errors="replace")
 
 
-def _check_order(path: Path, lines: list[str]) -> None:
-    """Refuses names of columns, also in a comment, that say another order than TUM's: a quaternion
-    with w first has unit length, too."""
+def _names(path: Path, lines: list[str]) -> str:
+    """The axes of the named columns, a letter each; empty: no names. Refuses names, also in a
+    comment, that say another order than TUM's: a quaternion with w first has unit length, too."""
+    letters = ""
     for number, line in enumerate(lines, 1):
         named = line.strip().lstrip("#%").strip()
         if named and _is_number(re.split(r"[,;\s]", named)[0]):
-            return  # The first pose.
+            break  # The first pose.
         names = re.split(r"[,;]", named) if re.search(r"[,;]", named) else named.split()
         letters = "".join(_axis(name) for name in names)
         if letters != TUM_ORDER and sorted(letters) == sorted(TUM_ORDER):
@@ -89,6 +94,7 @@ def _check_order(path: Path, lines: list[str]) -> None:
                 f"{path}, line {number}: the columns are {', '.join(n.strip() for n in names)}; "
                 "TUM's are the time, x, y, z, qx, qy, qz, qw: bring them into this order"
             )
+    return letters
 
 
 def _axis(name: str) -> str:
@@ -101,6 +107,8 @@ def _cells(line: str, where: str) -> list[str]:
     values = line.partition("#")[0]
     if ";" in values and "," in values:
         raise TrajectoryError(f"{where}: decimal commas; write numbers with a point")
+    if _EMPTY_CELL.search(values):
+        raise TrajectoryError(f"{where}: a cell without a number")
     return values.replace(",", " ").replace(";", " ").split()
 
 

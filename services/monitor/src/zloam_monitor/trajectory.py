@@ -20,6 +20,7 @@ from zloam_monitor.pose_rows import (
     unit_quaternions,
     unit_rotations,
 )
+from zloam_monitor.pose_table import PoseTable
 
 __all__ = ["Trajectory", "TrajectoryError", "parse_stamp", "read"]
 
@@ -142,17 +143,21 @@ def write_kitti(path: Path, trajectory: Trajectory) -> None:
             out.write(" ".join(f"{v:.9f}" for v in transform[:3].ravel()) + "\n")
 
 
-def write_csv(path: Path, trajectory: Trajectory) -> None:
-    """Writes a table with a header: sweep or line number, time, position in m, quaternion."""
+def write_csv(path: Path, trajectory: Trajectory, known: PoseTable | None = None) -> None:
+    """Writes a table with a header: TUM's columns, the sweep's or line's number, and for each pose
+    what `known` has of its instant: health, degenerate direction, covariance."""
     quats = se3.quaternions(trajectory.transforms)
     numbers = trajectory.sweeps if len(trajectory.sweeps) else np.arange(len(trajectory))
-    times = [""] * len(trajectory)
-    if trajectory.stamps_ns is not None:
-        times = [stamp_text(int(stamp)) for stamp in trajectory.stamps_ns]
+    stamps = trajectory.stamps_ns
+    times = [""] * len(trajectory) if stamps is None else [stamp_text(int(s)) for s in stamps]
+    more = [] if known is None else known.columns
     with written_whole(path) as out:
-        out.write("number,time_s,x_m,y_m,z_m,qx,qy,qz,qw\n")
-        for n, t, p, q in zip(numbers, times, trajectory.positions, quats, strict=True):
-            out.write(f"{n},{t}," + ",".join(f"{v:.9f}" for v in (*p, *q)) + "\n")
+        out.write(",".join(["time_s,x_m,y_m,z_m,qx,qy,qz,qw,number", *more]) + "\n")
+        for i, (p, q) in enumerate(zip(trajectory.positions, quats, strict=True)):
+            cells = [times[i], *(f"{v:.9f}" for v in (*p, *q)), str(numbers[i])]
+            if known is not None and stamps is not None:
+                cells += known.cells.get(int(stamps[i]), [""] * len(more))
+            out.write(",".join(cells) + "\n")
 
 
 def read(path: Path) -> Trajectory:
