@@ -65,6 +65,8 @@ def test_what_can_not_be_exported_is_refused_before_the_work(
         sessions.exportable(Path("town"), 0.2)
     with pytest.raises(MapError):
         sessions.exportable(Path("town.las"), float("nan"))
+    with pytest.raises(Misuse, match=r"--voxel: town\.g2o gets poses"):
+        sessions.exportable(Path("town.g2o"), 0.5)
 
 
 @pytest.mark.parametrize("kind", ["folder", "device", "pipe"])

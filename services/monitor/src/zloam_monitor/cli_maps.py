@@ -21,6 +21,14 @@ Target = Annotated[
 ]
 Layer = Annotated[str | None, typer.Option(help="Use only edge, or only plane points.")]
 Voxel = Annotated[float | None, typer.Option(help="Keep one point per voxel of this size, m.")]
+#: Edge of the voxels of `map export`, which gets the points of all sweeps.
+EXPORT_VOXEL_M = 0.2
+ExportVoxel = Annotated[
+    float | None,
+    typer.Option(
+        help="Keep one point per voxel of this size, m.", show_default=str(EXPORT_VOXEL_M)
+    ),
+]
 Limits = Annotated[
     tuple[float, float] | None,
     typer.Option(metavar="LOW HIGH", help="Limits of the points to keep, m."),
@@ -106,7 +114,7 @@ def map_export(
             "the poses of the submaps.",
         ),
     ],
-    voxel: Annotated[float, typer.Option(help="Keep one point per voxel of this size, m.")] = 0.2,
+    voxel: ExportVoxel = None,
     preset_dir: common.PresetDir = None,
 ) -> int:
     """Write a run's map with loops closed, for other programs."""
@@ -114,7 +122,7 @@ def map_export(
 
     sessions.exportable(to, voxel)
     with sessions.opened(common.kept(preset_dir), folder) as found:
-        print(f"{to}: {sessions.export(found, to, voxel)}")
+        print(f"{to}: {sessions.export(found, to, EXPORT_VOXEL_M if voxel is None else voxel)}")
     # A damaged map, or loops that could not be closed, were reported by zloam-sessions.
     return 0 if found.complete else 1
 

@@ -53,9 +53,10 @@ def occupancy(found: PointMap, cell_m: float, height: tuple[float, float]) -> Gr
     if not len(found):
         raise MapError("the map has no points: nothing written")
     xyz = found.xyz
-    low = cell_numbers(xyz[:, :2], cell_m, "--cell").min(axis=0) * cell_m
+    numbers = cell_numbers(xyz[:, :2], cell_m, "--cell")
+    lowest = numbers.min(axis=0)
     above_m = xyz[:, 2] - _ground(xyz)
-    at = np.floor((xyz[:, :2] - low) / cell_m).astype(np.int64)
+    at = numbers - lowest
     columns, rows = (int(count) for count in at.max(axis=0) + 1)
     if rows * columns > MOST_CELLS:
         raise MapOptionError(f"{columns} x {rows} cells: a larger --cell is needed")
@@ -68,7 +69,7 @@ def occupancy(found: PointMap, cell_m: float, height: tuple[float, float]) -> Gr
     cells = np.full((rows, columns), UNKNOWN, np.uint8)
     cells[_widened(ground, round(PLANE_LEAF_M / cell_m))] = FREE
     cells[occupied] = OCCUPIED
-    return Grid(cells, cell_m, (float(low[0]), float(low[1])))
+    return Grid(cells, cell_m, (float(lowest[0] * cell_m), float(lowest[1] * cell_m)))
 
 
 def _marked(at: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[np.bool_]:

@@ -87,16 +87,20 @@ def lines(merged: Merged) -> list[str]:
 COPIED = {".g2o": GRAPH, ".tum": "submaps_1.tum"}
 
 
-def exportable(to: Path, voxel_m: float) -> None:
+def exportable(to: Path, voxel_m: float | None) -> None:
     """Raises if nothing could be written, so that a command can refuse before its work."""
     if to.suffix.lower() not in (*maps.WRITERS, *COPIED):
         raise Misuse(f"{to}: {', '.join((*maps.WRITERS, '.g2o'))} or .tum is expected")
+    if voxel_m is None:
+        return
+    if to.suffix.lower() in COPIED:
+        raise Misuse(f"--voxel: {to} gets poses, not points; leave it out")
     maps.check_voxel(voxel_m)
 
 
 def export(merged: Merged, to: Path, voxel_m: float) -> str:
-    """Writes the format of the extension; returns a text about the contents."""
-    exportable(to, voxel_m)
+    """Writes the format of the extension, which is exportable; returns a text about the contents.
+    Points: one per voxel of this edge."""
     if name := COPIED.get(to.suffix.lower()):
         with (merged.folder / name).open("rb") as made, written_whole(to, "wb") as out:
             shutil.copyfileobj(made, out)
