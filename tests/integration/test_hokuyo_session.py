@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.hokuyo import peer
-from tests.hokuyo.device import SerialDevice, TcpDevice, answer, encoded, summed
+from tests.hokuyo.device import Device, SerialDevice, TcpDevice, answer, encoded, summed
 from tests.integration.conftest import ROOT
 
 EXAMPLE = ROOT / "services" / "monitor" / "examples" / "record_session.py"
@@ -62,6 +62,71 @@ def test_a_session_is_recorded(
     assert counts["scans_read"] >= whole > 0
     assert counts["points"] == 1081 * counts["scans_read"]
     assert counts["scans_lost"] == 0
+
+
+def record(device: Device, log: Path, seconds: str = "2") -> subprocess.CompletedProcess[str]:
+    """Runs the example, and closes the device."""
+    device.begin()
+    command = [sys.executable, str(EXAMPLE), device.name, seconds, str(log)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    device.close()
+    return done
+
+
+def test_a_scanner_that_refuses_to_measure_leaves_no_session(tmp_path: Path, source: Path) -> None:
+    device, log = TcpDevice(source, 1.0), tmp_path / "drive.logr"
+    obey = device._answer
+
+    def refuse(command: bytes) -> bytes:
+        return answer(command, b"10") if command[:2] in (b"ME", b"MD") else obey(command)
+
+    device._answer = refuse  # type: ignore[method-assign]
+    done = record(device, log)
+    assert done.returncode == 1
+    assert "ME was answered with status 10, MD was answered with status 10" in done.stderr
+    assert not log.exists()
+
+
+def test_a_scanner_that_sends_no_scan_leaves_an_earlier_session(
+    tmp_path: Path, source: Path
+) -> None:
+    device, log = TcpDevice(source, 1.0), tmp_path / "drive.logr"
+    log.write_bytes(b"earlier")
+    device.spoil = lambda number, data: b""
+    done = record(device, log, "0.5")
+    assert done.returncode == 1
+    assert "no scan came" in done.stderr
+    assert log.read_bytes() == b"earlier"
+
+
+@pytest.mark.parametrize(("leaves", "code"), [(True, 0), (False, 1)])
+def test_a_scanner_in_its_adjust_mode(
+    tmp_path: Path, source: Path, leaves: bool, code: int
+) -> None:
+    device, log = TcpDevice(source, 5.0), tmp_path / "drive.logr"
+    obey, adjusts = device._answer, True
+
+    def adjust(command: bytes) -> bytes:
+        nonlocal adjusts
+        adjusts = adjusts and not (leaves and command == b"TM2")
+        known = (b"QT", b"TM0", b"TM1", b"TM2")
+        return answer(command, b"10") if adjusts and command not in known else obey(command)
+
+    device._answer = adjust  # type: ignore[method-assign]
+    done = record(device, log, "1")
+    assert done.returncode == code, done.stderr
+    assert log.exists() == leaves
+    assert "Traceback" not in done.stderr
+    if not leaves:
+        assert "PP was answered with status 10" in done.stderr
+
+
+def test_a_device_that_is_not_there_is_named(tmp_path: Path) -> None:
+    command = [sys.executable, str(EXAMPLE), "/dev/no-scanner", "2", str(tmp_path / "drive.logr")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "/dev/no-scanner" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_a_scanner_that_does_not_answer_is_named(tmp_path: Path, source: Path) -> None:

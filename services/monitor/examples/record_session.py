@@ -3,11 +3,14 @@ connected to the scanner meanwhile. The angles of its motor belong beside it: dr
 drive.logr, with the head t_ns,angle_rad and the lines that publish_angles.py reads.
 python record_session.py DEVICE SECONDS drive.logr, with DEVICE as in driver.path"""
 
+import contextlib
+import io
 import os
 import select
 import socket
 import struct
 import sys
+import termios
 import time
 import tty
 from pathlib import Path
@@ -15,6 +18,10 @@ from typing import BinaryIO
 
 #: A scanner answers within some milliseconds.
 ANSWER_S = 2.0
+#: Statuses of a measurement that starts, and that goes on after the scanner checked itself.
+STARTED = (b"00", b"98")
+#: Status line of each scan of a measurement.
+SCAN = b"\n99b\n"
 
 
 def opened(device: str) -> int:
@@ -48,22 +55,66 @@ def answer(fd: int, command: str, log: BinaryIO | None) -> list[bytes]:
         data += received(fd, log)
         for reply in data.split(b"\n\n")[:-1]:
             lines = reply.split(b"\n")
-            if lines[0] == command.encode() and not lines[1].startswith(b"99"):
+            if lines[0] == command.encode() and len(lines) > 1 and lines[1][:2] != b"99":
                 return lines
     sys.exit(f"no answer to {command}: is it a Hokuyo scanner (SCIP 2)?")
 
 
-device, duration, path = sys.argv[1:4]
-scanner = opened(device)
-os.set_blocking(scanner, True)
-with Path(path).open("wb") as log:
-    answer(scanner, "QT", None)
-    told = dict(line.split(b";")[0].split(b":", 1) for line in answer(scanner, "PP", log)[2:])
-    steps = f"{int(told[b'AMIN']):04d}{int(told[b'AMAX']):04d}01000"
-    # Of a scanner without intensities, the distances alone.
-    if not answer(scanner, f"ME{steps}", log)[1].startswith(b"00"):
-        answer(scanner, f"MD{steps}", log)
-    ends = time.monotonic() + float(duration)
-    while time.monotonic() < ends:
-        received(scanner, log)
-    os.write(scanner, b"QT\n")
+def steps(fd: int, log: BinaryIO) -> str:
+    """First and last step of the scanner, as its commands take them."""
+    lines = answer(fd, "PP", log)
+    told = {line[:5]: line[5:].split(b";")[0] for line in lines[2:]}
+    try:
+        return f"{int(told[b'AMIN:']):04d}{int(told[b'AMAX:']):04d}"
+    except (KeyError, ValueError):
+        status = lines[1][:2].decode(errors="replace")
+        sys.exit(f"the scanner does not tell its steps: PP was answered with status {status}")
+
+
+def start(fd: int, log: BinaryIO) -> None:
+    """Starts the measurement; of a scanner without intensities, of the distances alone."""
+    answer(fd, "QT", None)
+    # A scanner in its adjust mode answers neither PP nor ME; one that is in none refuses TM2.
+    answer(fd, "TM2", None)
+    asked, refused = steps(fd, log), []
+    for command in ("ME", "MD"):
+        status = answer(fd, f"{command}{asked}01000", log)[1][:2]
+        if status in STARTED:
+            return
+        refused.append(f"{command} was answered with status {status.decode(errors='replace')}")
+    sys.exit(f"the scanner does not measure: {', '.join(refused)}")
+
+
+def record(fd: int, seconds: float, path: Path) -> None:
+    """There is no file before the first scan."""
+    began = io.BytesIO()
+    start(fd, began)
+    ends = time.monotonic() + seconds
+    while SCAN not in began.getvalue():
+        if time.monotonic() >= ends:
+            sys.exit(f"no scan came within {seconds:g} s: nothing is recorded")
+        received(fd, began)
+    with path.open("wb") as log:
+        log.write(began.getvalue())
+        while time.monotonic() < ends:
+            received(fd, log)
+
+
+def main() -> None:
+    if len(sys.argv) != 4:
+        sys.exit(__doc__)
+    device, seconds, path = sys.argv[1:]
+    scanner = None
+    try:
+        scanner = opened(device)
+        os.set_blocking(scanner, True)
+        record(scanner, float(seconds), Path(path))
+    except (OSError, ValueError, termios.error) as error:
+        sys.exit(f"{device}, {path}: {error}")
+    finally:
+        if scanner is not None:
+            with contextlib.suppress(OSError):
+                os.write(scanner, b"QT\n")
+
+
+main()
