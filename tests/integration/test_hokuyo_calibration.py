@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 import yaml
 
 from tests.hokuyo import simulated
+from tests.hokuyo.simulated import Session
 from tests.integration.conftest import ROOT, monitor
 from zloam_monitor import evaluation, trajectory
 
@@ -95,6 +97,41 @@ def test_a_drive_with_its_own_calibration(build: Path, tmp_path: Path) -> None:
     ate_m = evaluation.evaluate(found, trajectory.read(drive.truth)).ate_rmse_m
     assert ate_m is not None
     assert ate_m <= 0.05
+
+
+@pytest.fixture(scope="module")
+def short(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """Some seconds at rest: too few for a calibration."""
+    where = ["--world", "indoor", "--seed", 7, "--still", "--duration", 5]
+    return simulated.session(build, tmp_path_factory.mktemp("short") / "short", *where)
+
+
+@pytest.mark.parametrize("later_s", [-3600, 3600])
+def test_angles_of_another_time_are_named(
+    build: Path, short: Session, tmp_path: Path, later_s: int
+) -> None:
+    other = tmp_path / "other.csv"
+    head, *lines = short.angles.read_text().splitlines()
+    rows = [line.split(",") for line in lines]
+    moved = [f"{int(stamp_ns) + later_s * 10**9},{angle}" for stamp_ns, angle in rows]
+    other.write_text("\n".join([head, *moved]) + "\n")
+    code, found, said = calibrated(build, short.log, "--angles", other)
+    assert code == 3, said
+    assert not found
+    assert "do not overlap in time" in said
+    for path in (other, short.log):
+        assert re.search(rf"{re.escape(str(path))} \(\d+\.\d+ to \d+\.\d+ s\)", said), said
+
+
+def test_a_session_without_scans_is_named(build: Path, short: Session, tmp_path: Path) -> None:
+    empty = tmp_path / "empty.logr"
+    whole = short.log.read_bytes()
+    # The reply to PP is the first record.
+    empty.write_bytes(whole[: 12 + struct.unpack_from(">III", whole)[2]])
+    assert b"\n99b\n" not in empty.read_bytes()
+    code, _, said = calibrated(build, empty, "--angles", short.angles)
+    assert code == 3, said
+    assert f"{empty}: holds no usable scan" in said
 
 
 def test_a_platform_that_moves_is_not_calibrated(build: Path, tmp_path: Path) -> None:

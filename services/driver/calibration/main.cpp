@@ -2,12 +2,16 @@
 // on a motor, with the platform at rest.
 
 #include <CLI/CLI.hpp>
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <iostream>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "driver/calibration/mount_calibration.hpp"
 #include "driver/io/packet_source.hpp"
@@ -39,13 +43,30 @@ ScipSourceConfig configured(const Options& options) {
   return config;
 }
 
-Recording read(const Options& options, const scip::ClientConfig& config) {
-  Recording recording;
-  const std::string angles =
-      options.angles.empty() ? angles_beside(options.session) : options.angles;
-  for (const spinning::AngleReading& reading : read_angle_file(angles)) {
-    recording.angles.add(reading);
-  }
+/// Seconds since the Unix epoch, as text.
+std::string span(std::int64_t first_ns, std::int64_t last_ns) {
+  std::array<char, 80> text{};
+  std::snprintf(text.data(), text.size(), "%.3f to %.3f s", 1e-9 * static_cast<double>(first_ns),
+                1e-9 * static_cast<double>(last_ns));
+  return text.data();
+}
+
+/// Throws SourceError if no angle belongs to a line. delay_ns: of the angles' stamps, as far as it
+/// is known.
+void check_times(const Recording& recording, const std::string& session, const std::string& angles,
+                 std::int64_t delay_ns) {
+  const std::int64_t first_ns = recording.lines.front().stamp_ns;
+  const std::int64_t last_ns = recording.lines.back().stamp_ns;
+  const std::int64_t first_angle_ns = recording.angles.first().stamp_ns;
+  const std::int64_t last_angle_ns = recording.angles.last().stamp_ns;
+  if (first_ns + delay_ns <= last_angle_ns && first_angle_ns <= last_ns + delay_ns) return;
+  throw SourceError("the angles of " + angles + " (" + span(first_angle_ns, last_angle_ns) +
+                    ") and the lines of " + session + " (" + span(first_ns, last_ns) +
+                    ") do not overlap in time: are they of different recordings, or stamped by "
+                    "different clocks?");
+}
+
+void read_lines(const Options& options, const scip::ClientConfig& config, Recording& recording) {
   scip::Client client(config);
   client.connected(0);
   const auto link = open_scip_session(options.session);
@@ -70,7 +91,19 @@ Recording read(const Options& options, const scip::ClientConfig& config) {
     throw SourceError(options.session +
                       ": holds no reply to PP, without which no scan can be used");
   }
+  if (recording.lines.empty()) throw SourceError(options.session + ": holds no usable scan");
   recording.scanner = *client.parameters();
+}
+
+Recording read(const Options& options, const ScipSourceConfig& config) {
+  Recording recording;
+  const std::string angles =
+      options.angles.empty() ? angles_beside(options.session) : options.angles;
+  for (const spinning::AngleReading& reading : read_angle_file(angles)) {
+    recording.angles.add(reading);
+  }
+  read_lines(options, config.client, recording);
+  check_times(recording, options.session, angles, config.spinning.mount.angle_delay_ns);
   return recording;
 }
 
@@ -97,7 +130,7 @@ Options parse(int argc, char** argv) {
       "zloam-calibrate");
   app.footer(
       "The result is a file for driver.metadata. Exit codes: 0 found; 1 the recording does not "
-      "determine all values; 2 wrong command line; 3 a file can't be read.");
+      "determine all values; 2 wrong command line; 3 a file can't be used.");
   app.add_option("SESSION", options.session, "the scanner's replies as they were received")
       ->required();
   app.add_option("--angles", options.angles,
@@ -127,7 +160,7 @@ int main(int argc, char** argv) {
   const Options options = parse(argc, argv);
   try {
     const auto config = configured(options);
-    const MountCalibration found = calibrate(read(options, config.client), config.spinning.mount);
+    const MountCalibration found = calibrate(read(options, config), config.spinning.mount);
     print(found, config, !options.mount.empty());
     if (found.objection.empty()) return 0;
     std::cerr << "zloam-calibrate: " << found.objection << "\n";

@@ -34,7 +34,8 @@ class AngleTrack {
   /// Drops readings before then.
   void forget_before(std::int64_t stamp_ns);
 
-  /// The last reading accepted, unwrapped.
+  /// The earliest reading kept and the last one accepted, unwrapped.
+  const AngleReading& first() const { return readings_.front(); }
   const AngleReading& last() const { return readings_.back(); }
   std::uint64_t received() const { return received_; }
   std::uint64_t refused() const { return refused_; }
