@@ -180,9 +180,14 @@ def test_a_motor_that_tells_nothing_is_described(
     assert error_m(drive, out) <= 0.05
 
 
-def test_a_mount_with_a_wrong_key_is_refused(build: Path, drive: Session, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("motor", "key"), [("{delay_s: 1}", "motor.delay_s"), ("{? [a, b] : 1}", "motor.[a, b]")]
+)
+def test_a_mount_with_a_wrong_key_is_refused(
+    build: Path, drive: Session, tmp_path: Path, motor: str, key: str
+) -> None:
     mount = tmp_path / "mount.yaml"
-    mount.write_text("scanner: {rpy_deg: [0, 0, 0]}\nmotor: {delay_s: 1}\n")
+    mount.write_text(f"scanner: {{rpy_deg: [0, 0, 0]}}\nmotor: {motor}\n")
     command = [str(build / "bin" / "zloam-driver"), "--config", str(ROBOT)]
     settings = ("driver.source=scip_log", f"driver.path={drive.log}")
     for setting in (*settings, f"driver.metadata={mount}"):
@@ -190,7 +195,7 @@ def test_a_mount_with_a_wrong_key_is_refused(build: Path, drive: Session, tmp_pa
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 3
     assert str(mount) in done.stderr
-    assert "motor.delay_s" in done.stderr
+    assert f"{mount}: {key} " in done.stderr
 
 
 class Live:

@@ -34,13 +34,17 @@ def stage(build: Path, name: str, *arguments: object) -> subprocess.CompletedPro
         ("flow:\n  window: many\n", ["FILE:2: flow.window: ", "many"]),
         ("flow:\n  window: 100000\n", ["FILE:2: flow.window: ", "100000", "allowed: 1 to 1000 "]),
         ("robot: [\n", ["FILE:", ": not YAML: "]),
+        ("flow:\n  ? [window, lag]\n  : 1\n", ["FILE:2: flow.[window, lag]: "]),
         ("zenoh.host: 0.0.0.0\n", ["FILE:1: zenoh.host: ", "write zenoh: {host: "]),
         (
             "zenoh:\n  host: 127.0.0.1\nzenoh.host: 0.0.0.0\n",
             ["FILE:3: zenoh.host: ", "write zenoh: {host: "],
         ),
     ],
-    ids=["unknown key", "wrong type", "out of range", "no YAML", "dot", "dot beside section"],
+    ids=[
+        *("unknown key", "wrong type", "out of range", "no YAML", "list as key"),
+        *("dot", "dot beside section"),
+    ],
 )
 def test_wrong_configuration(
     build: Path, tmp_path: Path, name: str, text: str, words: list[str]

@@ -89,10 +89,13 @@ struct Parameters::Loader {
   void walk(const YAML::Node& map, const std::string& prefix) {
     std::set<std::string> seen;
     for (const auto& item : map) {
-      const std::string leaf = item.first.IsScalar() ? item.first.Scalar() : "?";
+      const bool is_name = item.first.IsScalar();
+      const std::string leaf = is_name ? item.first.Scalar() : shown(raw_value(item.first));
       const std::string place = name + ":" + line_of(item.first);
       const std::string key = within(prefix, leaf);
-      if (!seen.insert(leaf).second) {
+      if (!is_name) {
+        complain(place, key, "a name is expected as key");
+      } else if (!seen.insert(leaf).second) {
         complain(place, key, "stands here a second time");
       } else if (const auto dot = leaf.find('.'); dot != std::string::npos) {
         // Whoever reads only sections would miss it, and it could contradict the section.

@@ -2,6 +2,7 @@
 
 #include <yaml-cpp/yaml.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -58,10 +59,18 @@ std::function<void(const YAML::Node&)> vector(Eigen::Vector3d& into) {
   throw std::invalid_argument(key + " " + text);
 }
 
+/// A key as in the file. One that is a list or a section is the name of nothing.
+std::string text_of(const YAML::Node& key) {
+  if (key.IsScalar()) return key.Scalar();
+  std::string text = YAML::Dump(key);
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text;
+}
+
 void read_section(const YAML::Node& section, const std::string& name, const Readers& readers) {
   if (!section.IsNull() && !section.IsMap()) object(name, "is no section with keys");
   for (const auto& entry : section) {
-    const auto key = entry.first.as<std::string>();
+    const std::string key = text_of(entry.first);
     const auto reader = readers.find(key);
     const std::string whole = std::string(name).append(".").append(key);
     if (reader == readers.end()) object(whole, "is no key of it");
@@ -141,7 +150,7 @@ void read_mount(const std::string& text, scip::ClientConfig& client, SpinningCon
     throw std::invalid_argument("has no sections scanner and motor");
   }
   for (const auto& entry : root) {
-    const auto name = entry.first.as<std::string>();
+    const std::string name = text_of(entry.first);
     if (name != "scanner" && name != "motor") throw std::invalid_argument(name + " is no section");
     read_section(entry.second, name, name == "scanner" ? of_scanner : of_motor);
   }

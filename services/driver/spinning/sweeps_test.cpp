@@ -301,7 +301,10 @@ TEST(MountFileTest, WhatIsWrongIsNamedByItsKey) {
       {"motor: {profile: {from: 1}}", "motor.profile.from"},
       {"motor: {profile: 3}", "motor.profile"},
       {"motor: 3", "motor"},
-      {"motor: {turn_s: [1]}", "motor.turn_s"}};
+      {"motor: {turn_s: [1]}", "motor.turn_s"},
+      {"motor: {? [turn_s, axis] : 1}", "motor.[turn_s, axis]"},
+      {"? [scanner, motor]\n: {}\n", "[scanner, motor]"},
+      {"motor: {profile: {? [from_s] : 1}}", "motor.profile.[from_s]"}};
   for (const auto& [text, key] : wrong) {
     EXPECT_EQ(objection_to(text).rfind(key + " ", 0), 0U) << text << ": " << objection_to(text);
   }

@@ -54,6 +54,15 @@ def test_what_cannot_be_read_is_named(tmp_path: Path, data: bytes) -> None:
         names(tmp_path / "r.yaml", [])
 
 
+@pytest.mark.parametrize("key", ["[window, lag]", "{window: lag}"])
+def test_a_key_that_is_no_name_is_shown_with_its_line(tmp_path: Path, key: str) -> None:
+    (tmp_path / "r.yaml").write_text(f"robot: a\nflow:\n  ? {key}\n  : 1\n")
+    with pytest.raises(RobotFileError) as refused:
+        names(tmp_path / "r.yaml", [])
+    assert "r.yaml:3: a name is expected as key" in str(refused.value)
+    assert key in str(refused.value)
+
+
 def test_the_driver_takes_the_periods_that_a_sweep_can_have() -> None:
     schema = json.loads((places.robots() / "schema.json").read_text())
     period_s = schema["properties"]["driver"]["properties"]["scan_period_s"]

@@ -25,7 +25,10 @@ void allow_only(const YAML::Node& map, const std::set<std::string>& keys) {
     refuse(map, "a map is expected");
   }
   for (const auto& entry : map) {
-    const auto key = entry.first.as<std::string>();
+    if (!entry.first.IsScalar()) {
+      refuse(entry.first, "a name is expected as key, not " + YAML::Dump(entry.first));
+    }
+    const std::string& key = entry.first.Scalar();
     if (!keys.contains(key)) {
       refuse(entry.first, "unknown key '" + key + "'");
     }

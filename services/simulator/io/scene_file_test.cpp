@@ -104,6 +104,8 @@ TEST_F(SceneFile, NamesFileLineAndKeyOfWhatIsWrong) {
   EXPECT_EQ(refusal(kPath), "accepted");
   EXPECT_THAT(refusal(std::string(kPath) + "drive: {max_sped: 3}\n"),
               AllOf(HasSubstr(".yaml"), HasSubstr("line 2"), HasSubstr("max_sped")));
+  EXPECT_THAT(refusal(std::string(kPath) + "drive: {? [bob_m, laps] : 3}\n"),
+              AllOf(HasSubstr(".yaml"), HasSubstr("line 2"), HasSubstr("[bob_m, laps]")));
   EXPECT_THAT(refusal(std::string(kPath) + "shapes:\n  - {kind: cone, centre: [0, 0, 0]}\n"),
               AllOf(HasSubstr("line 3"), HasSubstr("cone")));
   EXPECT_THAT(refusal(std::string(kPath) + "shapes:\n  - {kind: box, centre: [0, 0, 0]}\n"),

@@ -180,6 +180,14 @@ TEST_F(ParameterFile, BrokenYamlAndDoubleKeysNameTheLine) {
   EXPECT_THAT(error("- a\n"), HasSubstr("a map of sections is expected"));
 }
 
+TEST_F(ParameterFile, KeysThatAreNoNamesAreShown) {
+  EXPECT_EQ(error("stage:\n  ? [on, big.x]\n  : true\n"),
+            "robot.yaml:2: stage.[on, big.x]: a name is expected as key");
+  EXPECT_EQ(error("{[stage]: 1, [other]: 1}\n"),
+            "robot.yaml:1: [stage]: a name is expected as key\n"
+            "robot.yaml:1: [other]: a name is expected as key");
+}
+
 TEST_F(ParameterFile, KeysWithDotsAreNoSections) {
   EXPECT_EQ(error("stage.on: true\n"),
             "robot.yaml:1: stage.on: a file has sections, not keys with dots: write stage: {on: "

@@ -53,6 +53,14 @@ def connects(path: Path, settings: list[str]) -> list[str]:
     return [str(each) for each in listed] if isinstance(listed, list) else [str(listed)]
 
 
+def _refusal(path: Path, error: yaml.YAMLError) -> str:
+    """A key that is a list or a section is no error of YAML's, but PyYAML's own."""
+    mark = getattr(error, "problem_mark", None)
+    if getattr(error, "problem", None) == "found unhashable key" and mark is not None:
+        return f"{path}:{mark.line + 1}: a name is expected as key, not\n{mark.get_snippet()}"
+    return f"{path}: {error}"
+
+
 def _tree(path: Path) -> Any:
     try:
         # The stages read values as texts, so `01` is a name and not a number.
@@ -62,7 +70,7 @@ def _tree(path: Path) -> Any:
     except UnicodeDecodeError as error:
         raise RobotFileError(f"{path}: is not UTF-8 text, as which it must be saved") from error
     except yaml.YAMLError as error:
-        raise RobotFileError(f"{path}: {error}") from error
+        raise RobotFileError(_refusal(path, error)) from error
     except RecursionError as error:
         raise RobotFileError(f"{path}: nested too deeply") from error
 
