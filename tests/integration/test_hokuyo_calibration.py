@@ -134,6 +134,18 @@ def test_a_session_without_scans_is_named(build: Path, short: Session, tmp_path:
     assert f"{empty}: holds no usable scan" in said
 
 
+def test_what_a_calibration_leaves_out_is_told(build: Path, short: Session, tmp_path: Path) -> None:
+    cut, angles = tmp_path / "cut.logr", tmp_path / "cut.csv"
+    whole = short.log.read_bytes()
+    cut.write_bytes(whole[: len(whole) // 4])
+    rows = short.angles.read_text().splitlines()
+    angles.write_text("\n".join([*rows, rows[1], rows[2]]) + "\n")
+    code, _, said = calibrated(build, cut)
+    assert code in (0, 1), said
+    assert f"{cut}: ends within a record" in said
+    assert re.search(rf"{re.escape(str(angles))}: readings .* left out: 2\n", said), said
+
+
 def test_a_platform_that_moves_is_not_calibrated(build: Path, tmp_path: Path) -> None:
     where = ["--world", "indoor", "--seed", 4, "--speed-factor", 0.35, "--duration", SECONDS]
     drive = simulated.session(build, tmp_path / "drive", *where)

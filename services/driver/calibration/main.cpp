@@ -66,6 +66,8 @@ void check_times(const Recording& recording, const std::string& session, const s
                     "different clocks?");
 }
 
+void say(const std::string& text) { std::cerr << "zloam-calibrate: " << text << "\n"; }
+
 void read_lines(const Options& options, const scip::ClientConfig& config, Recording& recording) {
   scip::Client client(config);
   client.connected(0);
@@ -87,6 +89,8 @@ void read_lines(const Options& options, const scip::ClientConfig& config, Record
   }
   client.flush();
   take();
+  for (const std::string& remark : client.remarks()) say(options.session + ": " + remark);
+  if (!link->why().empty()) say(link->why());
   if (!client.parameters()) {
     throw SourceError(options.session +
                       ": holds no reply to PP, without which no scan can be used");
@@ -101,6 +105,10 @@ Recording read(const Options& options, const ScipSourceConfig& config) {
       options.angles.empty() ? angles_beside(options.session) : options.angles;
   for (const spinning::AngleReading& reading : read_angle_file(angles)) {
     recording.angles.add(reading);
+  }
+  if (const std::uint64_t refused = recording.angles.refused(); refused > 0) {
+    say(angles + ": readings that are not later than the one before are left out: " +
+        std::to_string(refused));
   }
   read_lines(options, config.client, recording);
   check_times(recording, options.session, angles, config.spinning.mount.angle_delay_ns);
@@ -163,10 +171,10 @@ int main(int argc, char** argv) {
     const MountCalibration found = calibrate(read(options, config), config.spinning.mount);
     print(found, config, !options.mount.empty());
     if (found.objection.empty()) return 0;
-    std::cerr << "zloam-calibrate: " << found.objection << "\n";
+    say(found.objection);
     return kNotFound;
   } catch (const std::exception& error) {
-    std::cerr << "zloam-calibrate: " << error.what() << "\n";
+    say(error.what());
     return kUnreadable;
   }
 }
