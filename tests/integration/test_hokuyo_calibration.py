@@ -134,6 +134,21 @@ def test_a_session_without_scans_is_named(build: Path, short: Session, tmp_path:
     assert f"{empty}: holds no usable scan" in said
 
 
+def test_missing_files_of_a_calibration_are_named(
+    build: Path, short: Session, tmp_path: Path
+) -> None:
+    missing, alone = tmp_path / "missing.logr", tmp_path / "alone.logr"
+    code, _, said = calibrated(build, missing)
+    assert code == 3, said
+    assert f"{missing}: No such file" in said
+    alone.write_bytes(short.log.read_bytes())
+    code, _, said = calibrated(build, alone)
+    assert code == 3, said
+    assert "--angles" in said
+    # A calibration refuses the profile that replaces angles in a drive.
+    assert "motor.profile" not in said
+
+
 def test_what_a_calibration_leaves_out_is_told(build: Path, short: Session, tmp_path: Path) -> None:
     cut, angles = tmp_path / "cut.logr", tmp_path / "cut.csv"
     whole = short.log.read_bytes()

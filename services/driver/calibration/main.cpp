@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <filesystem>
 #include <iostream>
 #include <string>
 #include <utility>
@@ -66,6 +67,13 @@ void check_times(const Recording& recording, const std::string& session, const s
                     "different clocks?");
 }
 
+/// From the first to the last line.
+double seconds_of(const Recording& recording) {
+  if (recording.lines.empty()) return 0.0;
+  return 1e-9 * static_cast<double>(recording.lines.back().stamp_ns -
+                                    recording.lines.front().stamp_ns);
+}
+
 void say(const std::string& text) { std::cerr << "zloam-calibrate: " << text << "\n"; }
 
 void read_lines(const Options& options, const scip::ClientConfig& config, Recording& recording) {
@@ -77,13 +85,8 @@ void read_lines(const Options& options, const scip::ClientConfig& config, Record
   const auto take = [&] {
     while (auto scan = client.take_scan()) recording.lines.push_back(std::move(*scan));
   };
-  const auto enough = [&] {
-    return !recording.lines.empty() &&
-           1e-9 * static_cast<double>(recording.lines.back().stamp_ns -
-                                      recording.lines.front().stamp_ns) >
-               options.seconds;
-  };
-  while (!enough() && link->read(bytes, received_ns, 0) == ScipLink::Read::kBytes) {
+  while (seconds_of(recording) <= options.seconds &&
+         link->read(bytes, received_ns, 0) == ScipLink::Read::kBytes) {
     client.add(bytes, received_ns);
     take();
   }
@@ -99,10 +102,20 @@ void read_lines(const Options& options, const scip::ClientConfig& config, Record
   recording.scanner = *client.parameters();
 }
 
+std::string angles_of(const Options& options) {
+  if (!options.angles.empty()) return options.angles;
+  const std::filesystem::path beside =
+      std::filesystem::path(options.session).replace_extension(".csv");
+  if (std::filesystem::is_regular_file(beside)) return beside.string();
+  throw SourceError(options.session +
+                    ": the motor's angles are missing, a table with t_ns and angle_rad in " +
+                    beside.string() + " or in the file of --angles");
+}
+
 Recording read(const Options& options, const ScipSourceConfig& config) {
   Recording recording;
-  const std::string angles =
-      options.angles.empty() ? angles_beside(options.session) : options.angles;
+  read_lines(options, config.client, recording);
+  const std::string angles = angles_of(options);
   for (const spinning::AngleReading& reading : read_angle_file(angles)) {
     recording.angles.add(reading);
   }
@@ -110,7 +123,6 @@ Recording read(const Options& options, const ScipSourceConfig& config) {
     say(angles + ": readings that are not later than the one before are left out: " +
         std::to_string(refused));
   }
-  read_lines(options, config.client, recording);
   check_times(recording, options.session, angles, config.spinning.mount.angle_delay_ns);
   return recording;
 }
