@@ -129,6 +129,7 @@ Recording read(const Options& options, const ScipSourceConfig& config) {
 
 /// told: config is that of a file, not the defaults.
 void print(const MountCalibration& found, ScipSourceConfig config, bool told) {
+  if (!found.objection.empty()) std::printf("# NOT CALIBRATED: %s\n", found.objection.c_str());
   std::printf("# %.0f %% of the points on %zu planes, %.1f mm thick before, %.1f mm after\n",
               100.0 * found.flat_share, found.planes, 1e3 * found.before_m, 1e3 * found.after_m);
   std::printf(
