@@ -134,6 +134,19 @@ def test_a_session_without_scans_is_named(build: Path, short: Session, tmp_path:
     assert f"{empty}: holds no usable scan" in said
 
 
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--seconds", "nan"), ("--seconds", "0"), ("--stamp-offset-us", "nan")],
+)
+def test_numbers_without_a_meaning_are_refused(
+    build: Path, short: Session, option: str, value: str
+) -> None:
+    code, found, said = calibrated(build, short.log, option, value)
+    assert code == 2, said
+    assert not found
+    assert option in said
+
+
 def test_missing_files_of_a_calibration_are_named(
     build: Path, short: Session, tmp_path: Path
 ) -> None:

@@ -143,6 +143,14 @@ void print(const MountCalibration& found, ScipSourceConfig config, bool told) {
   std::fputs(spinning::mount_text(config.client, config.spinning).c_str(), stdout);
 }
 
+/// The conditions are written so that NaN fails them.
+void check(const Options& options) {
+  if (!(options.seconds > 0.0)) throw CLI::ValidationError("--seconds", "more than 0 is expected");
+  if (!(std::abs(options.stamp_offset_us) <= 1e6)) {
+    throw CLI::ValidationError("--stamp-offset-us", "-1e6 to 1e6 is expected");
+  }
+}
+
 Options parse(int argc, char** argv) {
   Options options;
   CLI::App app(
@@ -167,6 +175,7 @@ Options parse(int argc, char** argv) {
   app.set_version_flag("--version", "zloam-calibrate " ZLOAM_VERSION);
   try {
     app.parse(argc, argv);
+    check(options);
   } catch (const CLI::ParseError& error) {
     std::exit(app.exit(error) == 0 ? 0 : kUsage);
   }
