@@ -147,6 +147,14 @@ def test_numbers_without_a_meaning_are_refused(
     assert option in said
 
 
+def test_a_result_that_can_not_be_written_is_no_success(build: Path, short: Session) -> None:
+    command = [str(build / "bin" / "zloam-calibrate"), str(short.log), "--seconds", "1"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 3, done.stderr
+    assert "can't be written" in done.stderr
+
+
 def test_missing_files_of_a_calibration_are_named(
     build: Path, short: Session, tmp_path: Path
 ) -> None:

@@ -127,7 +127,7 @@ Recording read(const Options& options, const ScipSourceConfig& config) {
   return recording;
 }
 
-/// told: config is that of a file, not the defaults.
+/// told: config is that of a file, not the defaults. Throws SourceError.
 void print(const MountCalibration& found, ScipSourceConfig config, bool told) {
   if (!found.objection.empty()) std::printf("# NOT CALIBRATED: %s\n", found.objection.c_str());
   std::printf("# %.0f %% of the points on %zu planes, %.1f mm thick before, %.1f mm after\n",
@@ -141,6 +141,9 @@ void print(const MountCalibration& found, ScipSourceConfig config, bool told) {
       found.delay_ms.sigma, told ? "as in the file of --mount" : "assumed (there is no --mount)");
   config.spinning.mount = found.mount;
   std::fputs(spinning::mount_text(config.client, config.spinning).c_str(), stdout);
+  if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
+    throw SourceError("standard output: the result can't be written");
+  }
 }
 
 /// The conditions are written so that NaN fails them.
@@ -159,7 +162,7 @@ Options parse(int argc, char** argv) {
       "zloam-calibrate");
   app.footer(
       "The result is a file for driver.metadata. Exit codes: 0 found; 1 the recording does not "
-      "determine all values; 2 wrong command line; 3 a file can't be used.");
+      "determine all values; 2 wrong command line; 3 a file can't be used or written.");
   app.add_option("SESSION", options.session, "the scanner's replies as they were received")
       ->required();
   app.add_option("--angles", options.angles,
