@@ -4,6 +4,7 @@ PYTHONPATH=build/release/generated/python python publish_angles.py ENDPOINT ROBO
 
 import sys
 import time
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import flatbuffers
@@ -32,18 +33,31 @@ def message(robot: str, sensor: str, seq: int, readings: list[tuple[int, float]]
     return bytes(b.Output())
 
 
+def batches(lines: Iterable[str]) -> Iterator[list[tuple[int, float]]]:
+    """The readings of some lines at a time, each batch in ascending time."""
+    waiting: list[tuple[int, float]] = []
+    for line in lines:
+        if line.startswith("t_ns"):  # the head of a table
+            continue
+        stamp, angle = line.split(",")
+        reading = int(stamp), float(angle)
+        # After the clock was set back, the stamps begin again.
+        if waiting and reading[0] < waiting[-1][0]:
+            yield waiting
+            waiting = []
+        waiting.append(reading)
+        if reading[0] - waiting[0][0] >= BATCH_NS:
+            yield waiting
+            waiting = []
+    if waiting:
+        yield waiting
+
+
 endpoint, robot, sensor = sys.argv[1:4]
 # No scouting: a program that scouts would link all robots that it hears on the network.
 links = f'{{connect: {{endpoints: ["{endpoint}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
 with zenoh.open(zenoh.Config.from_json5(links)) as session:
     publisher: Any = session.declare_publisher(f"loam/{robot}/lidar/{sensor}/angle", encoding=KIND)
-    waiting: list[tuple[int, float]] = []
-    seq = 0
-    for line in sys.stdin:
-        stamp, angle = line.split(",")
-        waiting.append((int(stamp), float(angle)))
-        if waiting[-1][0] - waiting[0][0] < BATCH_NS:
-            continue
-        publisher.put(message(robot, sensor, seq, waiting))
-        waiting, seq = [], seq + 1
+    for seq, readings in enumerate(batches(sys.stdin)):
+        publisher.put(message(robot, sensor, seq, readings))
     time.sleep(0.5)  # Lets the last messages leave.
