@@ -10,6 +10,7 @@
 #include <map>
 #include <numbers>
 #include <optional>
+#include <set>
 #include <stdexcept>
 
 namespace zloam::driver::spinning {
@@ -67,13 +68,20 @@ std::string text_of(const YAML::Node& key) {
   return text;
 }
 
+/// Refuses a key's second value, which would replace the first one silently.
+void once(std::set<std::string>& seen, const std::string& key) {
+  if (!seen.insert(key).second) object(key, "stands here a second time");
+}
+
 void read_section(const YAML::Node& section, const std::string& name, const Readers& readers) {
   if (!section.IsNull() && !section.IsMap()) object(name, "is no section with keys");
+  std::set<std::string> seen;
   for (const auto& entry : section) {
     const std::string key = text_of(entry.first);
     const auto reader = readers.find(key);
     const std::string whole = std::string(name).append(".").append(key);
     if (reader == readers.end()) object(whole, "is no key of it");
+    once(seen, whole);
     try {
       reader->second(entry.second);
     } catch (const YAML::Exception&) {
@@ -149,9 +157,11 @@ void read_mount(const std::string& text, scip::ClientConfig& client, SpinningCon
   if (root && !root.IsNull() && !root.IsMap()) {
     throw std::invalid_argument("has no sections scanner and motor");
   }
+  std::set<std::string> seen;
   for (const auto& entry : root) {
     const std::string name = text_of(entry.first);
     if (name != "scanner" && name != "motor") throw std::invalid_argument(name + " is no section");
+    once(seen, name);
     read_section(entry.second, name, name == "scanner" ? of_scanner : of_motor);
   }
   if (!(mount.axis.norm() > 0.0)) throw std::invalid_argument("motor.axis has no length");

@@ -302,6 +302,8 @@ TEST(MountFileTest, WhatIsWrongIsNamedByItsKey) {
       {"motor: {profile: 3}", "motor.profile"},
       {"motor: 3", "motor"},
       {"motor: {turn_s: [1]}", "motor.turn_s"},
+      {"motor: {backward: true, backward: false}", "motor.backward"},
+      {"motor: {turn_s: 1}\nscanner: {}\nmotor: {backward: true}\n", "motor"},
       {"motor: {? [turn_s, axis] : 1}", "motor.[turn_s, axis]"},
       {"? [scanner, motor]\n: {}\n", "[scanner, motor]"},
       {"motor: {profile: {? [from_s] : 1}}", "motor.profile.[from_s]"}};
