@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import signal
 import struct
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -119,6 +121,36 @@ def test_a_scanner_in_its_adjust_mode(
     assert "Traceback" not in done.stderr
     if not leaves:
         assert "PP was answered with status 10" in done.stderr
+
+
+def test_an_interrupt_ends_the_recording(tmp_path: Path, source: Path) -> None:
+    device, log = TcpDevice(source, 25e-3 * SCANS), tmp_path / "drive.logr"
+    device.begin()
+    command = [sys.executable, str(EXAMPLE), device.name, "60", str(log)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as recorder:
+        ends = time.monotonic() + 30.0
+        while not log.exists() and time.monotonic() < ends:
+            time.sleep(0.1)
+        time.sleep(0.5)
+        recorder.send_signal(signal.SIGINT)
+        _, said = recorder.communicate()
+    while device.commands[-1] != b"QT" and time.monotonic() < ends:
+        time.sleep(0.05)
+    device.close()
+    assert recorder.returncode == 0, said
+    assert not said
+    assert device.commands[-1] == b"QT"
+    assert any(reply[0][:2] == b"ME" and len(reply) > 2 for reply in peer.replies(log))
+
+
+@pytest.mark.parametrize("seconds", ["nan", "0", "soon"])
+def test_a_duration_that_is_none_is_refused(tmp_path: Path, source: Path, seconds: str) -> None:
+    log = tmp_path / "drive.logr"
+    done = record(TcpDevice(source, 1.0), log, seconds)
+    assert done.returncode == 1
+    assert seconds in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not log.exists()
 
 
 def test_a_device_that_is_not_there_is_named(tmp_path: Path) -> None:

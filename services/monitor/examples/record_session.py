@@ -86,7 +86,7 @@ def start(fd: int, log: BinaryIO) -> None:
 
 
 def record(fd: int, seconds: float, path: Path) -> None:
-    """There is no file before the first scan."""
+    """There is no file before the first scan. Ctrl-C ends the recording early."""
     began = io.BytesIO()
     start(fd, began)
     ends = time.monotonic() + seconds
@@ -94,7 +94,7 @@ def record(fd: int, seconds: float, path: Path) -> None:
         if time.monotonic() >= ends:
             sys.exit(f"no scan came within {seconds:g} s: nothing is recorded")
         received(fd, began)
-    with path.open("wb") as log:
+    with path.open("wb") as log, contextlib.suppress(KeyboardInterrupt):
         log.write(began.getvalue())
         while time.monotonic() < ends:
             received(fd, log)
@@ -103,12 +103,15 @@ def record(fd: int, seconds: float, path: Path) -> None:
 def main() -> None:
     if len(sys.argv) != 4:
         sys.exit(__doc__)
-    device, seconds, path = sys.argv[1:]
+    device, duration, path = sys.argv[1:]
     scanner = None
     try:
+        seconds = float(duration)
+        if not seconds > 0.0:  # NaN, too
+            sys.exit(f"{duration} is no number of seconds above 0")
         scanner = opened(device)
         os.set_blocking(scanner, True)
-        record(scanner, float(seconds), Path(path))
+        record(scanner, seconds, Path(path))
     except (OSError, ValueError, termios.error) as error:
         sys.exit(f"{device}, {path}: {error}")
     finally:
