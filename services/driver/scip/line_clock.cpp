@@ -10,7 +10,9 @@ constexpr std::uint32_t kCounterMask = 0xFFFFFF;
 constexpr std::uint32_t kHalf = 0x800000;
 constexpr std::int64_t kMillisecondNs = 1'000'000;
 // A counter that is farther ahead of the elapsed time than this was set.
-constexpr std::int64_t kAheadMs = 1'000;
+constexpr std::int64_t kAheadNs = 1'000'000'000;
+// Counter and host's clock differ in rate by less than one part in this many: quartz by a tenth.
+constexpr std::int64_t kDriftParts = 1'000;
 // After more missing revolutions, the motor's steady speed no longer determines the phase.
 constexpr std::int64_t kMostTurns = 40;
 
@@ -47,28 +49,49 @@ void LineClock::tie(std::uint32_t counter_ms, std::int64_t host_ns) {
   shift_ns_ = host_ns + apart_ns - clock_.to_epoch_ns(first_step0_ns_);
 }
 
+/// The first line since the counter was set is the first whose delay counts, if it is known.
+void LineClock::begin_delays(Phase& phase, const LineArrival& line) {
+  phase.least_delay_ns.reset();
+  if (line.received_ns != 0) {
+    phase.least_delay_ns = line.received_ns - phase.unwrapped_ms * kMillisecondNs;
+  }
+}
+
+/// Whether the counter was set before this line, apart_ms after the one before.
+bool LineClock::was_set(Phase& phase, const LineArrival& line, std::int64_t apart_ms) {
+  if (apart_ms < 0) return true;
+  if (line.received_ns == 0) return false;
+  const std::int64_t delay_ns = line.received_ns - (phase.unwrapped_ms + apart_ms) * kMillisecondNs;
+  if (!phase.least_delay_ns) {
+    phase.least_delay_ns = delay_ns;
+    return false;
+  }
+  if (delay_ns < *phase.least_delay_ns - kAheadNs) return true;
+  // A fast counter lowers the least delay line by line. A slow one raises it no faster than
+  // kDriftParts, because lines that were held up are late without any drift.
+  const std::int64_t passed_ns =
+      phase.received_ns == 0 ? 0 : std::max<std::int64_t>(0, line.received_ns - phase.received_ns);
+  phase.least_delay_ns = std::min(delay_ns, *phase.least_delay_ns + passed_ns / kDriftParts);
+  return false;
+}
+
 void LineClock::unwrap(Phase& phase, const LineArrival& line, std::int64_t turn_ns) {
   const std::int64_t apart_ms = counters_apart_ms(line.counter_ms, phase.counter_ms);
   const bool host_went_back = line.received_ns != 0 && line.received_ns < phase.received_ns;
+  // Its clock was set, and delays before and after cannot be compared.
   if (host_went_back) {
-    // Its clock was set, and tells the time that elapses only from here on.
-    phase.first_ms = phase.unwrapped_ms;
-    phase.first_received_ns = line.received_ns;
+    phase.least_delay_ns = line.received_ns - phase.unwrapped_ms * kMillisecondNs;
   }
-  const bool known = line.received_ns != 0 && phase.first_received_ns != 0;
-  const std::int64_t passed_ms = (line.received_ns - phase.first_received_ns) / kMillisecondNs;
-  const std::int64_t counted_ms = phase.unwrapped_ms + apart_ms - phase.first_ms;
-  if (apart_ms >= 0 && (!known || counted_ms <= passed_ms + kAheadMs)) {
+  if (!was_set(phase, line, apart_ms)) {
     phase.unwrapped_ms += apart_ms;
     return;
   }
   // The device was restarted: its time continues by the time that elapsed on the host.
   ++phase.steps;
-  const std::int64_t since_ns =
-      known && !host_went_back ? line.received_ns - phase.received_ns : turn_ns;
+  const bool known = line.received_ns != 0 && phase.received_ns != 0 && !host_went_back;
+  const std::int64_t since_ns = known ? line.received_ns - phase.received_ns : turn_ns;
   phase.unwrapped_ms += std::max<std::int64_t>(1, since_ns / kMillisecondNs);
-  phase.first_ms = phase.unwrapped_ms;
-  phase.first_received_ns = line.received_ns;
+  begin_delays(phase, line);
 }
 
 /// Time of the next line's step 0 on the device's unwrapped clock, ns.
@@ -76,8 +99,8 @@ std::int64_t LineClock::advance(Phase& phase, const LineArrival& line, std::int6
   if (phase.begun) {
     unwrap(phase, line, turn_ns);
   } else {
-    phase.unwrapped_ms = phase.first_ms = line.counter_ms & kCounterMask;
-    phase.first_received_ns = line.received_ns;
+    phase.unwrapped_ms = line.counter_ms & kCounterMask;
+    begin_delays(phase, line);
   }
   phase.counter_ms = line.counter_ms & kCounterMask;
   phase.received_ns = line.received_ns;

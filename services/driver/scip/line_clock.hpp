@@ -47,9 +47,8 @@ class LineClock {
     bool begun = false;
     std::uint32_t counter_ms = 0;
     std::int64_t unwrapped_ms = 0;
-    /// of the first line since the counter was last set
-    std::int64_t first_ms = 0;
-    std::int64_t first_received_ns = 0;
+    /// of receive times against the counter, since either clock was set; it follows their drift
+    std::optional<std::int64_t> least_delay_ns;
     std::int64_t received_ns = 0;
     std::int64_t step0_ns = 0;
     std::int64_t turns = 1;
@@ -57,6 +56,8 @@ class LineClock {
   };
 
   static void unwrap(Phase& phase, const LineArrival& line, std::int64_t turn_ns);
+  static void begin_delays(Phase& phase, const LineArrival& line);
+  static bool was_set(Phase& phase, const LineArrival& line, std::int64_t apart_ms);
   static std::int64_t advance(Phase& phase, const LineArrival& line, std::int64_t turn_ns);
 
   std::int64_t turn_ns_;
