@@ -104,6 +104,9 @@ void Client::on_reply(const RawReply& reply) {
   ++replies_;
   heard_ns_ = reply.received_ns;
   const auto head = head_of(reply);
+  // Elsewhere, a status of one character is a damaged one.
+  const bool mode_is_open = state_ == State::kStopping || state_ == State::kScip2;
+  if (!head && mode_is_open && is_of_scip1(reply)) return on_scip1(reply);
   if (!head) {
     ++bad_status_;
     return bad_message(reply.received_ns);
@@ -120,6 +123,15 @@ void Client::on_reply(const RawReply& reply) {
     return;
   }
   on_answer(reply, *head);
+}
+
+/// Some scanners speak SCIP 1 until they are told to change, and do not know QT in it.
+void Client::on_scip1(const RawReply& reply) {
+  if (reply.lines.front() != asked_) return;
+  is_answered_ = true;
+  if (state_ == State::kStopping) return ask("SCIP2.0", State::kScip2, reply.received_ns);
+  if (reply.lines.back() == "0") return ask("TM2", State::kLeavingAdjust, reply.received_ns);
+  say("the scanner speaks SCIP 1 and refuses to change to SCIP 2: is its firmware too old?");
 }
 
 void Client::on_answer(const RawReply& reply, const Head& head) {

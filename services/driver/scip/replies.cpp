@@ -103,6 +103,10 @@ std::optional<Head> head_of(const RawReply& reply) {
   return head;
 }
 
+bool is_of_scip1(const RawReply& reply) {
+  return reply.lines.size() == kFirstLine && reply.lines[kStatusLine].size() == 1;
+}
+
 bool is_fault(const Head& head) {
   if (head.status == "0L" || head.status == "0M") return true;
   int code = 0;

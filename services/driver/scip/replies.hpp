@@ -27,6 +27,9 @@ struct Head {
 /// Nothing when the reply has less than two lines or its status line is damaged.
 std::optional<Head> head_of(const RawReply& reply);
 
+/// Whether this is a reply in SCIP 1, whose status is one character without a checksum.
+bool is_of_scip1(const RawReply& reply);
+
 /// A sentence for an unexpected status of a command; for any of the table.
 std::string meaning(const Head& head);
 /// Whether a status reports a fault of the device itself (laser, motor or memory).

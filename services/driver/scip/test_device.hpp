@@ -41,6 +41,8 @@ struct TestDevice {
   /// replaces the answer to a command
   std::string broken_command, broken_answer;
   bool silent = false;
+  /// speaks SCIP 1 until SCIP2.0 comes, or for ever
+  bool scip1 = false, only_scip1 = false;
 
   static std::vector<std::string> parameters() {
     return {told("MODL:UTM-30LX-EW"), told("DMIN:23"),   told("DMAX:60000"), told("ARES:1440"),
@@ -76,6 +78,10 @@ struct TestDevice {
   std::string respond_one(const std::string& command) {
     heard.push_back(command);
     if (command == broken_command) return broken_answer;
+    if (scip1) {
+      scip1 = only_scip1 || command != "SCIP2.0";
+      return command + (scip1 ? "\nE\n\n" : "\n0\n\n");
+    }
     if (command == "QT") {
       measuring = false;
       return answer(command, "00");

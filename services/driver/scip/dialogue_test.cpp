@@ -1,0 +1,99 @@
+// Answers that are no plain success: SCIP 1.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "driver/scip/client.hpp"
+#include "driver/scip/test_device.hpp"
+
+namespace zloam::driver::scip {
+namespace {
+
+constexpr std::int64_t kSecond = 1'000'000'000;
+constexpr std::int64_t kMs = 1'000'000;
+
+/// A client and a scanner that have not spoken with each other yet.
+struct Dialogue {
+  explicit Dialogue(const ClientConfig& config = {}) : client(config) {}
+
+  void give(const std::string& bytes) {
+    client.add({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, now_ns);
+  }
+
+  void connect() {
+    client.connected(now_ns);
+    talk();
+  }
+
+  /// Until both are silent.
+  void talk() {
+    for (int i = 0; i < 100; ++i) {
+      const std::string asked = client.take_output();
+      if (asked.empty()) return;
+      pass_quietly(kMs);
+      give(device.respond(asked));
+    }
+    FAIL() << "they never stop";
+  }
+
+  void pass(std::int64_t ns) {
+    pass_quietly(ns);
+    client.look(now_ns);
+    talk();
+  }
+
+  void pass_quietly(std::int64_t ns) {
+    now_ns += ns;
+    device.counter_ms += static_cast<std::uint32_t>(ns / kMs);
+  }
+
+  bool was_heard(const std::string& command) const {
+    return std::find(device.heard.begin(), device.heard.end(), command) != device.heard.end();
+  }
+
+  std::uint64_t count(std::string_view name) const {
+    for (const auto& [key, value] : client.counts()) {
+      if (key == name) return value;
+    }
+    ADD_FAILURE() << "no count " << name;
+    return 0;
+  }
+
+  TestDevice device;
+  Client client;
+  std::int64_t now_ns = 1'700'000'000 * kSecond;
+};
+
+TEST(ScipDialogue, AScannerInScip1IsChangedToScip2) {
+  Dialogue dialogue;
+  dialogue.device.scip1 = true;
+  dialogue.connect();
+  ASSERT_GE(dialogue.device.heard.size(), 2U);
+  EXPECT_EQ(dialogue.device.heard[0], "QT");
+  EXPECT_EQ(dialogue.device.heard[1], "SCIP2.0");
+  EXPECT_TRUE(dialogue.client.measuring());
+  EXPECT_EQ(dialogue.client.remarks(), std::vector<std::string>());
+}
+
+TEST(ScipDialogue, AScannerThatKnowsOnlyScip1IsNamedAndGivenUp) {
+  Dialogue dialogue;
+  dialogue.device.scip1 = dialogue.device.only_scip1 = true;
+  dialogue.connect();
+  bool gives_up = false;
+  for (int i = 0; i < 5 && !gives_up; ++i) {
+    dialogue.pass(1100 * kMs);
+    gives_up = dialogue.client.take_reconnect();
+  }
+  EXPECT_TRUE(gives_up);
+  ASSERT_EQ(dialogue.client.remarks().size(), 1U);
+  EXPECT_NE(dialogue.client.remarks().front().find("SCIP 1"), std::string::npos);
+  EXPECT_EQ(dialogue.count("answers_missing"), 0U);
+}
+
+}  // namespace
+}  // namespace zloam::driver::scip
