@@ -118,6 +118,7 @@ void Client::on_reply(const RawReply& reply) {
   if (!config_.asks) return head->command == "PP" ? on_parameters(reply) : void();
   is_answered_ = is_answered_ || head->command + head->parameters == asked_;
   if (is_fault(*head)) return fault(*head, reply.received_ns);
+  if (is_unstable(*head)) return wait_until_stable(*head);
   if (head->command + head->parameters != asked_) {
     unexpected_ += state_ == State::kStopping ? 0 : 1;
     return;
@@ -251,6 +252,12 @@ void Client::fault(const Head& head, std::int64_t now_ns) {
   if (checks) unfinished_ = 0;
   // A device may repeat its status until it reboots, or for ever.
   if (!checks && state_ != State::kRebooting) reboot(now_ns);
+}
+
+/// Passes by itself: the dialogue starts again each second until then, however long it takes.
+void Client::wait_until_stable(const Head& head) {
+  say("the scanner is not ready: " + meaning(head));
+  unfinished_ = 0;
 }
 
 void Client::reboot(std::int64_t now_ns) {

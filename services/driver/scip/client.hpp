@@ -103,6 +103,7 @@ class Client {
   void after_adjusting(std::int64_t now_ns);
   void bad_message(std::int64_t now_ns);
   void fault(const Head& head, std::int64_t now_ns);
+  void wait_until_stable(const Head& head);
   void reboot(std::int64_t now_ns);
   void say(const std::string& remark);
   ScanRequest request() const;

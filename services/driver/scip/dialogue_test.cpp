@@ -1,4 +1,4 @@
-// Answers that are no plain success: SCIP 1.
+// Answers that are no plain success: SCIP 1, a scanner that is not ready.
 
 #include <gtest/gtest.h>
 
@@ -93,6 +93,38 @@ TEST(ScipDialogue, AScannerThatKnowsOnlyScip1IsNamedAndGivenUp) {
   ASSERT_EQ(dialogue.client.remarks().size(), 1U);
   EXPECT_NE(dialogue.client.remarks().front().find("SCIP 1"), std::string::npos);
   EXPECT_EQ(dialogue.count("answers_missing"), 0U);
+}
+
+TEST(ScipDialogue, AnUnstableScannerIsWaitedForAndNotRebooted) {
+  for (const char* const command : {"PP", "TM0", "ME0000108001000"}) {
+    SCOPED_TRACE(command);
+    Dialogue dialogue;
+    dialogue.device.broken_command = command;
+    dialogue.device.broken_answer = answer(command, "0M");
+    dialogue.connect();
+    for (int i = 0; i < 8; ++i) {
+      dialogue.pass(1100 * kMs);
+      EXPECT_FALSE(dialogue.client.take_reconnect()) << i;
+    }
+    EXPECT_FALSE(dialogue.client.measuring());
+    EXPECT_FALSE(dialogue.was_heard("RB"));
+    EXPECT_EQ(dialogue.client.refusal(), "");
+    EXPECT_EQ(dialogue.count("device_faults"), 0U);
+    ASSERT_EQ(dialogue.client.remarks().size(), 1U);
+    EXPECT_NE(dialogue.client.remarks().front().find("0M"), std::string::npos);
+    dialogue.device.broken_command.clear();
+    dialogue.pass(1100 * kMs);
+    EXPECT_TRUE(dialogue.client.measuring());
+  }
+}
+
+TEST(ScipDialogue, AnUnstableScannerThatMeasuresIsNotRebooted) {
+  Dialogue dialogue;
+  dialogue.connect();
+  dialogue.give(answer("ME0000108001000", "0M"));
+  dialogue.talk();
+  EXPECT_FALSE(dialogue.was_heard("RB"));
+  EXPECT_TRUE(dialogue.client.measuring());
 }
 
 }  // namespace

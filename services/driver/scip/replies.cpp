@@ -108,7 +108,7 @@ bool is_of_scip1(const RawReply& reply) {
 }
 
 bool is_fault(const Head& head) {
-  if (head.status == "0L" || head.status == "0M") return true;
+  if (head.status == "0L") return true;
   int code = 0;
   const char* const end = head.status.data() + head.status.size();
   const auto [at, error] = std::from_chars(head.status.data(), end, code);
@@ -116,6 +116,8 @@ bool is_fault(const Head& head) {
   if (head.command == "BM") return code == 1;
   return measures(head.command) && code >= 21 && code <= 97;
 }
+
+bool is_unstable(const Head& head) { return head.status == "0M"; }
 
 std::string meaning(const Head& head) {
   std::string_view text = find_in(kGeneral, head.status);

@@ -34,6 +34,8 @@ bool is_of_scip1(const RawReply& reply);
 std::string meaning(const Head& head);
 /// Whether a status reports a fault of the device itself (laser, motor or memory).
 bool is_fault(const Head& head);
+/// Whether a status says that the device is unstable for now, which is no fault.
+bool is_unstable(const Head& head);
 
 /// The lines "NAME:VALUE;X" of VV, PP and II. damaged: lines without their checksum.
 std::map<std::string, std::string> values_of(const RawReply& reply, int& damaged);
