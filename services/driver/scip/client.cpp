@@ -115,15 +115,23 @@ void Client::on_reply(const RawReply& reply) {
   const bool ours = state_ == State::kMeasuring || state_ == State::kStarting;
   const bool data = scan_request(*head) && reply.lines.size() > 2;
   if (data) return ours ? on_scan(reply, *head) : void();
-  if (!config_.asks) return head->command == "PP" ? on_parameters(reply) : void();
   is_answered_ = is_answered_ || head->command + head->parameters == asked_;
   if (is_fault(*head)) return fault(*head, reply.received_ns);
+  if (!config_.asks) return on_recorded(reply, *head);
   if (is_unstable(*head)) return wait_until_stable(*head);
   if (head->command + head->parameters != asked_) {
     unexpected_ += state_ == State::kStopping ? 0 : 1;
     return;
   }
   on_answer(reply, *head);
+}
+
+/// A session tells of the scanner, which can't be asked or rebooted any more.
+void Client::on_recorded(const RawReply& reply, const Head& head) {
+  if (head.command == "PP") return on_parameters(reply);
+  if (head.command == "II") return on_status(reply);
+  if (is_unstable(head)) return wait_until_stable(head);
+  if (head.status == kHasChecked) say(kChecked);
 }
 
 /// Some scanners speak SCIP 1 until they are told to change, and do not know QT in it.
@@ -201,7 +209,7 @@ void Client::on_status(const RawReply& reply) {
     say("the scanner says of itself: " + status->second);
     return reboot(reply.received_ns);
   }
-  ask("TM0", State::kAdjusting, reply.received_ns);
+  if (config_.asks) ask("TM0", State::kAdjusting, reply.received_ns);
 }
 
 void Client::on_counter(const RawReply& reply) {
@@ -261,6 +269,7 @@ void Client::wait_until_stable(const Head& head) {
 }
 
 void Client::reboot(std::int64_t now_ns) {
+  if (!config_.asks) return;
   // The device reboots only if RB arrives twice within a second.
   output_ += "RB\nRB\n";
   asked_ = "RB";

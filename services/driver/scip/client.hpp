@@ -89,6 +89,7 @@ class Client {
   void begin(std::int64_t now_ns);
   void untie();
   void on_reply(const RawReply& reply);
+  void on_recorded(const RawReply& reply, const Head& head);
   void on_scip1(const RawReply& reply);
   void on_answer(const RawReply& reply, const Head& head);
   void on_scan(const RawReply& reply, const Head& head);

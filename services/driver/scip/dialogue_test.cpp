@@ -1,4 +1,5 @@
-// Answers that are no plain success: SCIP 1, a scanner that is not ready.
+// Answers that are no plain success: SCIP 1, a scanner that is not ready,
+// faults in a recorded session.
 
 #include <gtest/gtest.h>
 
@@ -125,6 +126,29 @@ TEST(ScipDialogue, AnUnstableScannerThatMeasuresIsNotRebooted) {
   dialogue.talk();
   EXPECT_FALSE(dialogue.was_heard("RB"));
   EXPECT_TRUE(dialogue.client.measuring());
+}
+
+TEST(ScipDialogue, FaultsInASessionAreCountedAndReadOver) {
+  ClientConfig config;
+  config.asks = false;
+  Dialogue dialogue(config);
+  dialogue.device.measured = "ME0000108001000";
+  dialogue.connect();
+  dialogue.give(answer("PP", "00", TestDevice::parameters()));
+  dialogue.give(answer("II", "00", {told("STAT:Sensor is abnormal")}));
+  for (int i = 0; i < 60; ++i) {
+    dialogue.pass_quietly(25 * kMs);
+    if (i == 50) dialogue.give(answer("ME0000108001000", "55"));
+    dialogue.give(dialogue.device.scan());
+  }
+  dialogue.give(answer("ME0000108001000", "0L"));
+  dialogue.client.flush();
+  EXPECT_EQ(dialogue.count("device_faults"), 3U);
+  EXPECT_EQ(dialogue.client.remarks().size(), 3U);
+  EXPECT_EQ(dialogue.client.take_output(), "");
+  int lines = 0;
+  while (dialogue.client.take_scan()) ++lines;
+  EXPECT_EQ(lines, 60);
 }
 
 }  // namespace
