@@ -17,6 +17,9 @@ namespace zloam::driver::spinning {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
+// The times of a sweep's points, and its period, are 32-bit nanoseconds: 4.29 s. Its last line lies
+// within the rest, also where the scanner is slower than it tells.
+constexpr double kLongestSweep_s = 3.9;
 
 /// Roll, pitch, yaw of R = Rz(yaw) * Ry(pitch) * Rx(roll).
 Eigen::Vector3d rpy_deg_of(const Pose& pose) {
@@ -143,7 +146,7 @@ void read_mount(const std::string& text, scip::ClientConfig& client, SpinningCon
                               {"to_deg", number(client.to_deg, -180.0, 180.0)},
                               {"intensities", flag(client.intensities)},
                               {"several_echoes", flag(client.several_echoes)},
-                              {"sweep_s", number(spinning.sweep_s, 0.02, 5.0)}};
+                              {"sweep_s", number(spinning.sweep_s, 0.02, kLongestSweep_s)}};
   const Readers of_motor = {
       {"axis", vector(mount.axis)},
       {"zero_deg", number(zero_deg, -360.0, 360.0)},

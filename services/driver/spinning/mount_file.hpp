@@ -9,7 +9,7 @@
 //     to_deg: 135
 //     intensities: true
 //     several_echoes: false  # up to three per beam
-//     sweep_s: 0.1           # lines of this much time are one sweep
+//     sweep_s: 0.1           # lines of this much time are one sweep; 0.02 to 3.9
 //   motor:
 //     axis: [1, 0, 0]        # in the lidar's frame, through its origin
 //     zero_deg: 0            # the encoder's angle where the scan plane is level

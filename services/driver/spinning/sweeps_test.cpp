@@ -306,10 +306,13 @@ TEST(MountFileTest, WhatIsWrongIsNamedByItsKey) {
       {"motor: {turn_s: 1}\nscanner: {}\nmotor: {backward: true}\n", "motor"},
       {"motor: {? [turn_s, axis] : 1}", "motor.[turn_s, axis]"},
       {"? [scanner, motor]\n: {}\n", "[scanner, motor]"},
-      {"motor: {profile: {? [from_s] : 1}}", "motor.profile.[from_s]"}};
+      {"motor: {profile: {? [from_s] : 1}}", "motor.profile.[from_s]"},
+      {"scanner: {sweep_s: 3.91}", "scanner.sweep_s"},
+      {"scanner: {sweep_s: 5}", "scanner.sweep_s"}};
   for (const auto& [text, key] : wrong) {
     EXPECT_EQ(objection_to(text).rfind(key + " ", 0), 0U) << text << ": " << objection_to(text);
   }
+  EXPECT_EQ(objection_to("scanner: {sweep_s: 3.9}"), "");
 }
 
 TEST(AngleTrackTest, AnEncodersStepsAreSmoothedAwayFromReversals) {
