@@ -152,6 +152,9 @@ double Parameters::azimuth_rad(int step) const {
 Parameters parameters_of(const std::map<std::string, std::string>& values) {
   constexpr int kMostMm = 1 << 18;
   constexpr int kMostSteps = 9999;
+  // With nine of ten scans skipped, the time of one line must fit into the 32-bit nanoseconds of a
+  // sweep. The slowest scanners turn at 600.
+  constexpr int kLeastTurnsPerMinute = 160;
   Parameters p;
   if (const auto model = values.find("MODL"); model != values.end()) p.model = model->second;
   p.least_mm = static_cast<std::uint32_t>(number(values, "DMIN", 0, kMostMm));
@@ -160,7 +163,7 @@ Parameters parameters_of(const std::map<std::string, std::string>& values) {
   p.first_step = number(values, "AMIN", 0, kMostSteps);
   p.last_step = number(values, "AMAX", p.first_step, kMostSteps);
   p.front_step = number(values, "AFRT", 0, kMostSteps);
-  p.turns_per_minute = number(values, "SCAN", 1, 60'000);
+  p.turns_per_minute = number(values, "SCAN", kLeastTurnsPerMinute, 60'000);
   if (p.last_step >= p.first_step + p.steps_per_turn) {
     throw std::invalid_argument("its reply to PP has more steps than a turn");
   }

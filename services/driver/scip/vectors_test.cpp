@@ -289,8 +289,12 @@ TEST(ScipReplies, ParametersThatCantBe) {
     wrong[name] = "-1";
     EXPECT_THROW(parameters_of(wrong), std::invalid_argument) << name;
   }
-  values["SCAN"] = "0";
-  EXPECT_THROW(parameters_of(values), std::invalid_argument);
+  for (const char* const slow : {"0", "1", "159"}) {
+    values["SCAN"] = slow;
+    EXPECT_THROW(parameters_of(values), std::invalid_argument) << slow;
+  }
+  values["SCAN"] = "160";
+  EXPECT_NO_THROW(parameters_of(values));
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace zloam::driver::spinning {
 namespace {
@@ -12,6 +13,8 @@ constexpr std::int64_t kAngleLateNs = 1'000'000'000;
 // Lines are numbered modulo this; lines near enough to be confused with each other differ.
 constexpr std::uint16_t kLineNumbers = 64;
 constexpr double kMetresPerMm = 1e-3;
+// A sweep's period and the times of its points are 32-bit numbers.
+constexpr std::int64_t kMostPeriodNs = std::numeric_limits<std::uint32_t>::max();
 // A motor's time that differs by a smaller share makes hardly a difference to the pose.
 constexpr double kShare = 0.25;
 // A motor that has not shown all directions in this many of its turns stands, or all but stands.
@@ -49,8 +52,9 @@ void SpinningSweeps::add(scip::TimedScan scan, const scip::Parameters& scanner) 
   line.end_ns = scan.stamp_ns + scanner.step_ns(request.last_step);
   const std::int64_t line_ns = scanner.turn_ns() * (1 + request.skipped);
   if (lines_per_sweep_ == 0) {
-    lines_per_sweep_ = std::max<std::int64_t>(
-        1, std::llround(1e9 * config_.sweep_s / static_cast<double>(line_ns)));
+    lines_per_sweep_ = std::clamp<std::int64_t>(
+        std::llround(1e9 * config_.sweep_s / static_cast<double>(line_ns)), 1,
+        std::max<std::int64_t>(1, kMostPeriodNs / line_ns));
   }
   turn_ += scan.turns;
   line.sweep = turn_ / lines_per_sweep_;

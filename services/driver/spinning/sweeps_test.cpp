@@ -196,6 +196,27 @@ TEST(SpinningSweepsTest, LostLinesLeaveTheirPlaceEmpty) {
   EXPECT_TRUE(sweeps[1].complete);
 }
 
+TEST(SpinningSweepsTest, SlowLinesFillNoLongerSweepThanItsTimesCanTell) {
+  // Ten revolutions of 250 ms a line: two lines would be nearer to 3.9 s, but take 5 s.
+  SpinningConfig config;
+  config.turns = false;
+  config.sweep_s = 3.9;
+  SpinningSweeps sweeps(config);
+  scip::Parameters slow = utm();
+  slow.turns_per_minute = 240;
+  for (int i = 0; i < 3; ++i) {
+    scip::TimedScan line = line_of(2500 * kMs * i, {{180, 0, 2000, 0}, {900, 0, 2000, 0}});
+    line.scan.request.skipped = 9;
+    sweeps.add(std::move(line), slow);
+  }
+  DecodedSweep sweep;
+  for (int i = 0; i < 3; ++i) {
+    ASSERT_TRUE(sweeps.take(sweep));
+    EXPECT_EQ(sweep.period_ns, 2'500'000'000U);
+    EXPECT_EQ(sweep.points.size(), 2U);
+  }
+}
+
 TEST(SpinningSweepsTest, WithoutAnglesForASecondLinesAreGivenUp) {
   Rig rig;
   rig.read_until(50 * kMs);
