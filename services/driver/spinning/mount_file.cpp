@@ -20,6 +20,8 @@ constexpr double kDegree = std::numbers::pi / 180.0;
 // The times of a sweep's points, and its period, are 32-bit nanoseconds: 4.29 s. Its last line lies
 // within the rest, also where the scanner is slower than it tells.
 constexpr double kLongestSweep_s = 3.9;
+// Of motor.turn_s, told or by a profile: the sweeps of one turn are counted in 16 bits.
+constexpr double kLongestTurn_s = 30.0;
 
 /// Roll, pitch, yaw of R = Rz(yaw) * Ry(pitch) * Rx(roll).
 Eigen::Vector3d rpy_deg_of(const Pose& pose) {
@@ -128,7 +130,12 @@ MotorProfile checked(const ToldProfile& told) {
   if (swings && 0.5 * told.reversal_s * told.speed_deg_s >= 2.0 * told.amplitude_deg) {
     object("motor.profile.reversal_s", "is so long that the motor never comes to its speed");
   }
-  return {told.from_s, told.speed_deg_s * kDegree, told.amplitude_deg * kDegree, told.reversal_s};
+  const MotorProfile profile{told.from_s, told.speed_deg_s * kDegree, told.amplitude_deg * kDegree,
+                             told.reversal_s};
+  if (profile.turn_s() > kLongestTurn_s) {
+    object("motor.profile.speed_deg_s", "is so slow that a turn takes more than 30 s");
+  }
+  return profile;
 }
 
 }  // namespace
@@ -152,7 +159,8 @@ void read_mount(const std::string& text, scip::ClientConfig& client, SpinningCon
       {"zero_deg", number(zero_deg, -360.0, 360.0)},
       {"backward", flag(backward)},
       {"delay_ms", number(delay_ms, -1000.0, 1000.0)},
-      {"turn_s", [&](const YAML::Node& node) { number(turn_s.emplace(), 0.1, 30.0)(node); }},
+      {"turn_s",
+       [&](const YAML::Node& node) { number(turn_s.emplace(), 0.1, kLongestTurn_s)(node); }},
       // Only noted here: its keys are read afterwards, so that errors name them with their full
       // path.
       {"profile", [&](const YAML::Node&) { profile.emplace(); }}};
