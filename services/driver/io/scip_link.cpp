@@ -126,6 +126,19 @@ std::unique_ptr<ScipLink> open_tcp(const std::string& device) {
   return std::make_unique<Device>(std::move(fd), true);
 }
 
+/// 8 bits, no parity, one stop bit, no flow control, no modem lines, bytes as they are: cfmakeraw()
+/// keeps the rest of what an earlier program has set.
+void make_plain(termios& settings) {
+  cfmakeraw(&settings);
+  settings.c_iflag &= ~static_cast<tcflag_t>(INPCK | IGNPAR | IXON | IXOFF | IXANY);
+  settings.c_cflag &= ~static_cast<tcflag_t>(CSIZE | PARENB | PARODD | CSTOPB | CRTSCTS);
+  settings.c_cflag |= static_cast<tcflag_t>(CS8 | CLOCAL | CREAD);
+  settings.c_cc[VMIN] = 1;
+  settings.c_cc[VTIME] = 0;
+  // USB devices ignore the rate.
+  cfsetspeed(&settings, B115200);
+}
+
 std::unique_ptr<ScipLink> open_serial(const std::string& device) {
   Descriptor fd(open(device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
   if (fd.get() < 0) {
@@ -137,9 +150,7 @@ std::unique_ptr<ScipLink> open_serial(const std::string& device) {
   if (tcgetattr(fd.get(), &settings) != 0) {
     throw SourceError(device + ": is no serial device");
   }
-  cfmakeraw(&settings);
-  // USB devices ignore the rate.
-  cfsetspeed(&settings, B115200);
+  make_plain(settings);
   if (tcsetattr(fd.get(), TCSANOW, &settings) != 0) {
     throw SourceError(device + ": " + std::strerror(errno));
   }
