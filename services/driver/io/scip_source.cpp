@@ -31,10 +31,6 @@ constexpr std::int64_t kReadTogetherNs = 100'000;
 // Lines without an angle in a row before it is reported: one second of them.
 constexpr std::uint64_t kSaidAfterLines = 40;
 
-constexpr const char* kNoAngles =
-    "lines come, but no angle of the motor for their times: does it publish "
-    "(lidar/<sensor>/angle), and by the same clock?";
-
 constexpr const char* kStands =
     "the motor has not shown all directions in twice the motor.turn_s of the file in "
     "driver.metadata: does it turn? From one plane no motion in three dimensions can be found";
@@ -51,7 +47,7 @@ std::filesystem::path angles_path(const std::string& session) {
 class ScannerSweeps : public ScipSource {
  public:
   explicit ScannerSweeps(const ScipSourceConfig& config)
-      : client_(config.client), sweeps_(config.spinning) {}
+      : client_(config.client), sweeps_(config.spinning), live_(config.client.asks) {}
 
   void add(const spinning::AngleReading& reading) override {
     sweeps_.add(reading);
@@ -71,7 +67,7 @@ class ScannerSweeps : public ScipSource {
 
   std::vector<std::string> troubles() const override {
     std::vector<std::string> all;
-    if (sweeps_.without_angle_in_row() >= kSaidAfterLines) all.emplace_back(kNoAngles);
+    if (sweeps_.without_angle_in_row() >= kSaidAfterLines) all.push_back(no_angles_text(live_));
     if (!motor_trouble_.empty()) all.push_back(motor_trouble_);
     return all;
   }
@@ -124,6 +120,7 @@ class ScannerSweeps : public ScipSource {
   std::string motor_trouble_, motor_was_;
 
  private:
+  bool live_;
   PacketsForRecorder recorded_;
   std::uint64_t chunks_ = 0;
   std::vector<std::string> remarks_;
@@ -283,7 +280,7 @@ class RecordedScanner : public ScannerSweeps {
     client_.flush();
     pass_on();
     sweeps_.flush();
-    if (was_without_angles_) say(kNoAngles);
+    if (was_without_angles_) say(no_angles_text(false));
     if (!motor_was_.empty()) say(motor_was_);
   }
 
@@ -324,6 +321,16 @@ std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path, ScipSourc
   std::vector<spinning::AngleReading> readings;
   if (config.spinning.turns && !has_profile) readings = read_angle_file(angles.string());
   return sweeps_of_session(path, readings, config);
+}
+
+std::string no_angles_text(bool live) {
+  const auto ms = [](std::int64_t ns) { return std::to_string(ns / 1'000'000) + " ms"; };
+  std::string text =
+      "lines come, but no angle of the motor for their times: readings may be at most ";
+  text += ms(spinning::kAngleGapNs) + " apart";
+  if (!live) return text + ". Does their table cover the session, and by the same clock?";
+  return text + ", and a line waits " + ms(spinning::kAngleLateNs) +
+         " for them. Are they published (lidar/<sensor>/angle), and by the same clock?";
 }
 
 std::string angles_beside(const std::string& session) {

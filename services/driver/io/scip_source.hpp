@@ -45,6 +45,9 @@ std::unique_ptr<ScipSource> sweeps_of_session(const std::string& path, ScipSourc
 /// scanner sees one plane, which does not constrain motion in three dimensions.
 std::string angles_beside(const std::string& session);
 
+/// Why lines of a live scanner, or of a session, have no angle.
+std::string no_angles_text(bool live);
+
 /// A table with the columns t_ns and angle_rad. Throws SourceError.
 std::vector<spinning::AngleReading> read_angle_file(const std::string& path);
 

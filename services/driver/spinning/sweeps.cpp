@@ -7,9 +7,6 @@
 namespace zloam::driver::spinning {
 namespace {
 
-// Angles this much later than their line never arrive: in a live run, the motor's readings have
-// stopped.
-constexpr std::int64_t kAngleLateNs = 1'000'000'000;
 // Lines are numbered modulo this; lines near enough to be confused with each other differ.
 constexpr std::uint16_t kLineNumbers = 64;
 constexpr double kMetresPerMm = 1e-3;

@@ -53,6 +53,10 @@ struct SpinningConfig {
   ClockSource clock_source = ClockSource::kUnknown;
 };
 
+/// A line waits for its angles until lines this much later have come: in a live run, the motor's
+/// readings have stopped then.
+inline constexpr std::int64_t kAngleLateNs = 1'000'000'000;
+
 class SpinningSweeps {
  public:
   explicit SpinningSweeps(const SpinningConfig& config);
