@@ -49,6 +49,7 @@ class SessionWriter {
       record(device_.scan());
     }
   }
+  void single() { record(device_.single_scan()); }
   std::string path() const { return path_.string(); }
 
  private:
@@ -83,6 +84,38 @@ TEST(ScipSession, LinesWithoutAnglesNameTheGapThatReadingsMayHave) {
   ASSERT_EQ(remarks.size(), 1U);
   EXPECT_NE(remarks.front().find("at most 50 ms apart"), std::string::npos) << remarks.front();
   EXPECT_NE(remarks.front().find("table"), std::string::npos) << remarks.front();
+}
+
+TEST(ScipSession, SingleScansAreNoPartOfTheSweepsOfLines) {
+  SessionWriter session;
+  for (int i = 0; i < 3; ++i) {
+    session.single();
+    session.pass(1'000);
+  }
+  // The first line comes a second after the last single scan, in a sweep of its own.
+  session.pass(-25);
+  session.lines(6);
+  session.single();
+  session.lines(10);
+  ScipSourceConfig config;
+  config.spinning.turns = false;
+  const auto source = sweeps_of_session(session.path(), {}, config);
+  const std::vector<DecodedSweep> sweeps = sweeps_from(*source);
+  ASSERT_EQ(sweeps.size(), 7U);
+  for (std::size_t i = 0; i < sweeps.size(); ++i) {
+    SCOPED_TRACE(i);
+    EXPECT_EQ(sweeps[i].packets, i < 3 ? 1U : 4U);
+    EXPECT_EQ(sweeps[i].packets_lost, 0U);
+    EXPECT_EQ(sweeps[i].complete, i >= 3);
+    EXPECT_EQ(sweeps[i].period_ns, 100'000'000U);
+    ASSERT_FALSE(sweeps[i].points.empty());
+    EXPECT_LT(sweeps[i].points.back().time_ns, 100'000'000U);
+  }
+  std::uint64_t left_out = 0;
+  for (const auto& [name, count] : source->counts()) {
+    if (name == "single_scans_left_out") left_out = count;
+  }
+  EXPECT_EQ(left_out, 1U);
 }
 
 TEST(ScipSession, ALiveScannersLinesNameTheTimeTheyWait) {

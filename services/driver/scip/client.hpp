@@ -36,7 +36,7 @@ struct TimedScan {
   Scan scan;
   /// step 0, ns since the Unix epoch
   std::int64_t stamp_ns = 0;
-  /// revolutions since the scan before; 1 when none is missing
+  /// revolutions since the scan before; 1 when none is missing or skipped
   std::int64_t turns = 1;
   bool clock_step = false;
 };
@@ -100,6 +100,7 @@ class Client {
   void tie_clock();
   void place(Scan scan);
   std::int64_t turns_to(std::int64_t stamp_ns);
+  std::int64_t turns_of_line(const ScanRequest& request, std::int64_t turns);
   LineArrival arrival(const Scan& scan) const;
   void after_adjusting(std::int64_t now_ns);
   void bad_message(std::int64_t now_ns);
@@ -132,8 +133,13 @@ class Client {
   /// steps of the clocks before
   std::uint64_t steps_before_ = 0;
   bool first_of_clock_ = false;
-  /// of the line placed last
+  /// of the scan placed last
   std::int64_t last_stamp_ns_ = 0;
+  /// a scan of a continuous measurement has come
+  bool has_line_ = false;
+  /// revolutions since the last of them, and the part that single scans have had
+  std::int64_t turns_since_line_ = 0;
+  std::int64_t turns_of_singles_ = 0;
   /// of the TM1 with the least round trip
   struct Tie {
     std::uint32_t counter_ms = 0;

@@ -69,22 +69,35 @@ void Client::place(Scan scan) {
     say("the clock of the host that received the scans was set during the session: from then on, "
         "angles stamped by it do not fit the lines");
   }
-  const ScanRequest& request = scan.request;
-  if (request.continuous) {
-    const std::int64_t apart = 1 + request.skipped;
-    timed.turns = std::max<std::int64_t>(1, (turns_to(timed.stamp_ns) + apart / 2) / apart);
+  timed.turns = std::max<std::int64_t>(0, turns_to(timed.stamp_ns));
+  turns_since_line_ += timed.turns;
+  if (scan.request.continuous) {
+    timed.turns = turns_of_line(scan.request, timed.turns);
+  } else {
+    turns_of_singles_ += timed.turns;
   }
   last_stamp_ns_ = timed.stamp_ns;
-  scans_lost_ += static_cast<std::uint64_t>(timed.turns - 1);
   timed.scan = std::move(scan);
   scans_.push_back(std::move(timed));
 }
 
-/// Revolutions from the line before, which may be of an earlier connection.
+/// Revolutions from the scan before, which may be of an earlier connection.
 std::int64_t Client::turns_to(std::int64_t stamp_ns) {
   if (!std::exchange(first_of_clock_, false) || last_stamp_ns_ == 0) return clock_->turns();
   const std::int64_t turn_ns = parameters_->turn_ns();
   return (stamp_ns - last_stamp_ns_ + turn_ns / 2) / turn_ns;
+}
+
+/// Lines are whole steps of 1 + skipped revolutions apart, whatever single scans (GD, GE) were
+/// asked for in between: of those none is missing, however long the host waited.
+std::int64_t Client::turns_of_line(const ScanRequest& request, std::int64_t turns) {
+  const std::int64_t since_line = std::exchange(turns_since_line_, 0);
+  const std::int64_t of_singles = std::exchange(turns_of_singles_, 0);
+  if (!std::exchange(has_line_, true)) return turns;
+  const std::int64_t apart = 1 + request.skipped;
+  const std::int64_t lines = std::max<std::int64_t>(1, (since_line + apart / 2) / apart);
+  scans_lost_ += static_cast<std::uint64_t>(lines - 1);
+  return std::max<std::int64_t>(0, lines * apart - of_singles);
 }
 
 void Client::flush() {

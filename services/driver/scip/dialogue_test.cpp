@@ -1,5 +1,5 @@
 // Answers that are no plain success: SCIP 1, a scanner that is not ready,
-// faults in a recorded session.
+// faults and single scans in a recorded session.
 
 #include <gtest/gtest.h>
 
@@ -149,6 +149,58 @@ TEST(ScipDialogue, FaultsInASessionAreCountedAndReadOver) {
   int lines = 0;
   while (dialogue.client.take_scan()) ++lines;
   EXPECT_EQ(lines, 60);
+}
+
+TEST(ScipDialogue, SingleScansDoNotDisturbTheCountOfRevolutions) {
+  ClientConfig config;
+  config.asks = false;
+  Dialogue dialogue(config);
+  dialogue.device.measured = "MD0180090001000";
+  dialogue.connect();
+  dialogue.give(answer("PP", "00", TestDevice::parameters()));
+  // One each second before the measurement, and one of a revolution that is measured.
+  std::vector<std::int64_t> expected = {1, 40, 40, 40, 40};
+  for (int i = 0; i < 5; ++i) {
+    dialogue.give(dialogue.device.single_scan());
+    dialogue.pass_quietly(kSecond);
+  }
+  for (int i = 0; i < 60; ++i) {
+    dialogue.give(dialogue.device.scan());
+    expected.push_back(i == 0 ? 40 : 1);
+    if (i == 30) {
+      dialogue.give(dialogue.device.single_scan());
+      expected.push_back(0);
+    }
+    dialogue.pass_quietly(25 * kMs);
+  }
+  dialogue.client.flush();
+  std::vector<std::int64_t> turns;
+  while (const auto scan = dialogue.client.take_scan()) turns.push_back(scan->turns);
+  EXPECT_EQ(turns, expected);
+  EXPECT_EQ(dialogue.count("scans_lost"), 0U);
+}
+
+TEST(ScipDialogue, ASingleScanBetweenLinesWithSkippedScans) {
+  ClientConfig config;
+  config.asks = false;
+  Dialogue dialogue(config);
+  dialogue.device.measured = "MD0180090001300";
+  dialogue.connect();
+  dialogue.give(answer("PP", "00", TestDevice::parameters()));
+  std::vector<std::int64_t> expected;
+  for (int i = 0; i < 20; ++i) {
+    dialogue.give(dialogue.device.scan());
+    dialogue.pass_quietly(50 * kMs);
+    if (i == 10) dialogue.give(dialogue.device.single_scan());
+    dialogue.pass_quietly(50 * kMs);
+    expected.push_back(i == 0 ? 1 : i == 11 ? 2 : 4);
+    if (i == 10) expected.push_back(2);
+  }
+  dialogue.client.flush();
+  std::vector<std::int64_t> turns;
+  while (const auto scan = dialogue.client.take_scan()) turns.push_back(scan->turns);
+  EXPECT_EQ(turns, expected);
+  EXPECT_EQ(dialogue.count("scans_lost"), 0U);
 }
 
 }  // namespace

@@ -107,7 +107,7 @@ std::int64_t LineClock::advance(Phase& phase, const LineArrival& line, std::int6
   const std::int64_t least_ns = phase.unwrapped_ms * kMillisecondNs;
   std::int64_t step0_ns = least_ns + kMillisecondNs / 2;
   if (phase.begun) {
-    phase.turns = std::max<std::int64_t>(1, (step0_ns - phase.step0_ns + turn_ns / 2) / turn_ns);
+    phase.turns = std::max<std::int64_t>(0, (step0_ns - phase.step0_ns + turn_ns / 2) / turn_ns);
     if (phase.turns <= kMostTurns) {
       step0_ns = std::clamp(phase.step0_ns + phase.turns * turn_ns, least_ns,
                             least_ns + kMillisecondNs - 1);

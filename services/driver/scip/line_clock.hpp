@@ -34,7 +34,7 @@ class LineClock {
   /// Time of a line's step 0, ns since the Unix epoch. Takes all lines in order.
   std::int64_t place(const LineArrival& line);
 
-  /// Revolutions between the last two lines; 1 when none is missing.
+  /// Revolutions between the last two lines; 1 when none is missing, 0 within one revolution.
   std::int64_t turns() const { return phase_.turns; }
   /// What the clock of the receive times was set by since the last call; 0: nothing.
   std::int64_t take_host_step_ns() { return clock_.take_host_step_ns(); }

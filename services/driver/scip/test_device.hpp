@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace zloam::driver::scip {
@@ -62,6 +63,14 @@ struct TestDevice {
       lines.push_back(summed(data.substr(at, 64)));
     }
     return answer(measured, "99", lines);
+  }
+
+  /// One scan that was asked for alone.
+  std::string single_scan() {
+    const std::string running = std::exchange(measured, "GD0180090001");
+    std::string reply = scan();
+    measured = running;
+    return reply.replace(reply.find("\n99b\n"), 5, "\n00P\n");
   }
 
   std::string respond(const std::string& commands) {

@@ -42,23 +42,33 @@ void SpinningSweeps::add(AngleReading reading) {
   settle(false);
 }
 
+SpinningSweeps::Length SpinningSweeps::length_of(const scip::ScanRequest& request,
+                                                 std::int64_t turn_ns) const {
+  const std::int64_t line_ns = turn_ns * (1 + request.skipped);
+  const std::int64_t lines = std::clamp<std::int64_t>(
+      std::llround(1e9 * config_.sweep_s / static_cast<double>(line_ns)), 1,
+      std::max<std::int64_t>(1, kMostPeriodNs / line_ns));
+  return {lines, lines * (1 + request.skipped)};
+}
+
 void SpinningSweeps::add(scip::TimedScan scan, const scip::Parameters& scanner) {
   const scip::ScanRequest& request = scan.scan.request;
+  turn_ += scan.turns;
+  ++lines_;
+  measures_ = measures_ || request.continuous;
+  // A single scan repeats a revolution that is measured anyway.
+  if (measures_ && !request.continuous) {
+    ++singles_left_out_;
+    return;
+  }
   Line line;
   line.begin_ns = scan.stamp_ns + scanner.step_ns(request.first_step);
   line.end_ns = scan.stamp_ns + scanner.step_ns(request.last_step);
-  const std::int64_t line_ns = scanner.turn_ns() * (1 + request.skipped);
-  if (lines_per_sweep_ == 0) {
-    lines_per_sweep_ = std::clamp<std::int64_t>(
-        std::llround(1e9 * config_.sweep_s / static_cast<double>(line_ns)), 1,
-        std::max<std::int64_t>(1, kMostPeriodNs / line_ns));
-  }
-  turn_ += scan.turns;
-  line.sweep = turn_ / lines_per_sweep_;
+  line.length = length_of(request, scanner.turn_ns());
+  line.sweep = turn_ / line.length.turns;
   line.scanner = scanner;
   line.scan = std::move(scan);
   waiting_.push_back(std::move(line));
-  ++lines_;
   settle(false);
 }
 
@@ -97,21 +107,25 @@ bool SpinningSweeps::angles_of(const Line& line) {
 }
 
 void SpinningSweeps::put(const Line& line) {
-  if (open_ && line.sweep != sweep_number_) close();
+  const bool same = line.sweep == sweep_number_ && line.length.turns == length_.turns &&
+                    line.single() == single_;
+  if (open_ && !same) close();
   if (!open_) open(line);
   put_points(line);
   sweep_.packets += 1;
   sweep_.last_packet_ns = line.scan.scan.received_ns;
   line_number_ = static_cast<std::uint16_t>((line_number_ + 1) % kLineNumbers);
-  if (sweep_.packets == lines_per_sweep_) close();
+  // Of single scans any number may fall into a sweep's time.
+  if (!single_ && sweep_.packets == length_.lines) close();
 }
 
 void SpinningSweeps::open(const Line& line) {
-  const std::int64_t line_ns = line.scanner.turn_ns() * (1 + line.scan.scan.request.skipped);
   sweep_ = {};
   sweep_number_ = line.sweep;
+  length_ = line.length;
+  single_ = line.single();
   sweep_.stamp_ns = line.begin_ns;
-  sweep_.period_ns = static_cast<std::uint32_t>(lines_per_sweep_ * line_ns);
+  sweep_.period_ns = static_cast<std::uint32_t>(length_.turns * line.scanner.turn_ns());
   sweep_.rings = kLineNumbers;
   sweep_.slices = static_cast<std::uint16_t>(
       std::max(1L, std::lround(1e9 * config_.turn_s / sweep_.period_ns)));
@@ -158,9 +172,10 @@ void SpinningSweeps::put_points(const Line& line) {
 
 void SpinningSweeps::close() {
   if (!open_) return;
-  const auto wanted = static_cast<std::uint32_t>(lines_per_sweep_);
+  // Nobody promised a single scan, so that none is lost, and no number of them is a whole sweep.
+  const auto wanted = single_ ? 0U : static_cast<std::uint32_t>(length_.lines);
   sweep_.packets_lost = wanted - std::min(wanted, sweep_.packets);
-  sweep_.complete = sweep_.packets_lost == 0;
+  sweep_.complete = !single_ && sweep_.packets_lost == 0;
   open_ = false;
   whole_.push_back(std::exchange(sweep_, {}));
 }
@@ -189,6 +204,7 @@ bool SpinningSweeps::take(DecodedSweep& sweep) {
 
 std::vector<std::pair<std::string_view, std::uint64_t>> SpinningSweeps::counts() const {
   return {{"lines", lines_},
+          {"single_scans_left_out", singles_left_out_},
           {"points", points_},
           {"points_masked", masked_},
           {"steps_without_range", no_range_},

@@ -82,6 +82,11 @@ class SpinningSweeps {
   std::uint64_t without_angle_in_row() const { return without_angle_in_row_; }
 
  private:
+  /// Of a sweep, in lines and in the scanner's revolutions.
+  struct Length {
+    std::int64_t lines = 0;
+    std::int64_t turns = 0;
+  };
   struct Line {
     scip::TimedScan scan;
     scip::Parameters scanner;
@@ -89,9 +94,14 @@ class SpinningSweeps {
     std::int64_t end_ns = 0;
     /// by its revolution since the first line
     std::int64_t sweep = 0;
+    Length length;
+
+    /// asked for alone (GD, GE), at any time
+    bool single() const { return !scan.scan.request.continuous; }
   };
 
   bool waits_for_readings() const { return config_.turns && !config_.profile; }
+  Length length_of(const scip::ScanRequest& request, std::int64_t turn_ns) const;
   void settle(bool ended);
   /// False when an angle is missing within the line.
   bool angles_of(const Line& line);
@@ -110,13 +120,18 @@ class SpinningSweeps {
   std::vector<double> angles_rad_;
   DecodedSweep sweep_;
   bool open_ = false;
+  /// of the open sweep
   std::int64_t sweep_number_ = 0;
-  std::int64_t lines_per_sweep_ = 0;
+  Length length_;
+  bool single_ = false;
+  /// a line of a continuous measurement has come
+  bool measures_ = false;
   /// revolution of the last line received
   std::int64_t turn_ = -1;
   std::uint16_t line_number_ = 0;
   std::deque<DecodedSweep> whole_;
   std::uint64_t lines_ = 0;
+  std::uint64_t singles_left_out_ = 0;
   std::uint64_t points_ = 0;
   std::uint64_t masked_ = 0;
   std::uint64_t no_range_ = 0;

@@ -207,6 +207,7 @@ TEST(SpinningSweepsTest, SlowLinesFillNoLongerSweepThanItsTimesCanTell) {
   for (int i = 0; i < 3; ++i) {
     scip::TimedScan line = line_of(2500 * kMs * i, {{180, 0, 2000, 0}, {900, 0, 2000, 0}});
     line.scan.request.skipped = 9;
+    line.turns = i == 0 ? 1 : 10;
     sweeps.add(std::move(line), slow);
   }
   DecodedSweep sweep;
