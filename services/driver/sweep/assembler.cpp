@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "driver/sweep/azimuth.hpp"
 
@@ -16,6 +17,12 @@ constexpr int kMeasurableTurnCdeg = 1000;
 constexpr double kToNearest = 0.5;
 // Points by which a sweep's buffers grow at least.
 constexpr std::size_t kRoomStep = 512;
+
+/// A motor that hardly turns would take longer than 32-bit nanoseconds can tell: the longest then.
+std::uint32_t period_from(double period_ns) {
+  constexpr double kLongestNs = std::numeric_limits<std::uint32_t>::max();
+  return static_cast<std::uint32_t>(std::llround(std::min(period_ns, kLongestNs)));
+}
 
 /// Of the packets lost before a sweep's first group, those that belong to it. One that contained the
 /// seam belongs to both sweeps.
@@ -289,11 +296,10 @@ void SweepAssembler::open(std::int64_t time_ns, int phase_cdeg, bool at_seam) {
 std::uint32_t SweepAssembler::measured_period_ns() const {
   const auto time_ns = static_cast<double>(last_group_ns_ - first_group_ns_);
   if (turned_cdeg_ >= kMeasurableTurnCdeg && time_ns > 0.0) {
-    return static_cast<std::uint32_t>(std::llround(time_ns * kTurnCdeg / turned_cdeg_));
+    return period_from(time_ns * kTurnCdeg / turned_cdeg_);
   }
   if (last_period_ns_ != 0 || last_advance_cdeg_ <= 0.0) return last_period_ns_;
-  return static_cast<std::uint32_t>(
-      std::llround(decoder_->shape().group_ns * kTurnCdeg / last_advance_cdeg_));
+  return period_from(decoder_->shape().group_ns * kTurnCdeg / last_advance_cdeg_);
 }
 
 void SweepAssembler::close(bool at_seam) {

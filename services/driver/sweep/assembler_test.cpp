@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <random>
 
 #include "driver/sweep/test_sweeps.hpp"
@@ -48,6 +49,17 @@ TEST(Assembler, CutsEveryTurnAtTheSeam) {
     if (i > 1) {
       EXPECT_NEAR(static_cast<double>(sweep.stamp_ns - sweeps[i - 1].stamp_ns), 1e8, 1.2e5);
     }
+  }
+}
+
+TEST(Assembler, AMotorThatHardlyTurnsHasTheLongestPeriod) {
+  // 14.4 degrees in the 300 ms after which a sweep ends: 7.5 s for a revolution.
+  TurningSensor sensor;
+  sensor.rpm = 8.0;
+  const auto sweeps = assemble(packets_of(sensor, 900));
+  ASSERT_GE(sweeps.size(), 3U);
+  for (std::size_t i = 0; i + 1 < sweeps.size(); ++i) {
+    EXPECT_EQ(sweeps[i].period_ns, std::numeric_limits<std::uint32_t>::max()) << i;
   }
 }
 
