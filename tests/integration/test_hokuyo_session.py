@@ -7,6 +7,7 @@ import signal
 import struct
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 
@@ -159,6 +160,24 @@ def test_a_device_that_is_not_there_is_named(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "/dev/no-scanner" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_nothing_of_an_earlier_programs_settings_is_left(source: Path, tmp_path: Path) -> None:
+    device = SerialDevice(source, 25e-3 * SCANS)
+    settings = termios.tcgetattr(device._slave)
+    settings[0] |= termios.IXOFF | termios.IXANY | termios.INPCK
+    settings[2] |= termios.CRTSCTS | termios.CSTOPB | termios.PARODD
+    settings[2] &= ~termios.CLOCAL
+    termios.tcsetattr(device._slave, termios.TCSANOW, settings)
+    device.begin()
+    command = [sys.executable, str(EXAMPLE), device.name, "0.5", str(tmp_path / "drive.logr")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    now = termios.tcgetattr(device._slave)
+    device.close()
+    assert done.returncode == 0, done.stderr
+    assert not now[0] & (termios.IXOFF | termios.IXANY | termios.INPCK)
+    assert not now[2] & (termios.CRTSCTS | termios.CSTOPB | termios.PARODD)
+    assert now[2] & termios.CLOCAL
 
 
 def test_a_scanner_that_does_not_answer_is_named(tmp_path: Path, source: Path) -> None:

@@ -24,11 +24,25 @@ STARTED = (b"00", b"98")
 SCAN = b"\n99b\n"
 
 
+def make_plain(fd: int) -> None:
+    """8 bits, no parity, one stop bit, no flow control, no modem lines: setraw() keeps the rest of
+    what an earlier program has set."""
+    tty.setraw(fd)
+    settings = termios.tcgetattr(fd)
+    settings[0] &= ~(termios.INPCK | termios.IGNPAR | termios.IXON | termios.IXOFF | termios.IXANY)
+    settings[2] &= ~(termios.PARENB | termios.PARODD | termios.CSTOPB | termios.CRTSCTS)
+    settings[2] |= termios.CLOCAL | termios.CREAD
+    # USB devices ignore the rate.
+    settings[4] = settings[5] = termios.B115200
+    termios.tcsetattr(fd, termios.TCSANOW, settings)
+
+
 def opened(device: str) -> int:
     """The descriptor of tcp://host:port or of a serial device."""
     if not device.startswith("tcp://"):
-        fd = os.open(device, os.O_RDWR | os.O_NOCTTY)
-        tty.setraw(fd)
+        # Without O_NONBLOCK, open() would wait for the modem line of an earlier program's setting.
+        fd = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        make_plain(fd)
         return fd
     host, port = device.removeprefix("tcp://").rsplit(":", 1)
     return socket.create_connection((host, int(port)), ANSWER_S).detach()
