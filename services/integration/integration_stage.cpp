@@ -98,7 +98,7 @@ void IntegrationStage::new_run(const msg::Header& first) {
     runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});
     return;
   }
-  if (unsaved_) stage_.lost_output(write_files());
+  if (unsaved_) keep_unwritten(write_files());
   integrator_.reset();
   trajectory_.clear();
   odometry_.clear();
@@ -108,6 +108,16 @@ void IntegrationStage::new_run(const msg::Header& first) {
   } else {
     restart(first);
   }
+}
+
+/// What the run's files lack is in its journal, which the next run would replace.
+void IntegrationStage::keep_unwritten(const std::string& error) {
+  if (error.empty()) return;
+  const std::string kept = journal_.keep_unwritten();
+  stage_.lost_output(kept.empty() ? error
+                                  : error + "; its poses are kept in " + kept +
+                                        ": make room, rename it to trajectory.journal, and the "
+                                        "next start writes them");
 }
 
 void IntegrationStage::begin_journal() {

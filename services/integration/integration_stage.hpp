@@ -36,6 +36,7 @@ class IntegrationStage {
   void write_left(const std::vector<JournalPose>& poses);
   void catch_up(const msg::Header& first);
   void begin_journal();
+  void keep_unwritten(const std::string& error);
   void note_journal(const std::string& error);
   std::string implausible(const OdometryMessage& message);
   std::string implausible(const CorrectionMessage& message);

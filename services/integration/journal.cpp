@@ -90,9 +90,19 @@ std::string Journal::keep_unread() const {
   // Less is what a kill leaves of the first pose.
   const std::uintmax_t bytes = fs::file_size(path_, error);
   if (error || bytes < sizeof(Record) || !read().empty()) return {};
-  std::string name = path_ + ".unread";
-  for (int n = 2; fs::exists(name, error); ++n) {
-    name = path_ + "." + std::to_string(n) + ".unread";
+  return set_aside(".unread");
+}
+
+std::string Journal::keep_unwritten() const {
+  return read().empty() ? std::string() : set_aside(".unwritten");
+}
+
+/// Its new name, which no file had; empty: it has the old one still.
+std::string Journal::set_aside(const std::string& ending) const {
+  std::error_code error;
+  std::string name = path_ + ending;
+  for (int n = 2; std::filesystem::exists(name, error); ++n) {
+    name = path_ + "." + std::to_string(n) + ending;
   }
   return std::rename(path_.c_str(), name.c_str()) == 0 ? name : std::string();
 }

@@ -38,6 +38,9 @@ class Journal {
   /// A journal of which nothing can be read, such as one of another version, gets another name,
   /// which is returned; empty: there is none.
   std::string keep_unread() const;
+  /// The same for a journal whose poses could not be written to the run's files, as on a full disk:
+  /// the next begin() would leave them nowhere.
+  std::string keep_unwritten() const;
   /// Starts a new journal that holds these poses.
   std::string begin(const std::vector<JournalPose>& poses);
   /// Empty, or a sentence that says what failed.
@@ -47,6 +50,7 @@ class Journal {
 
  private:
   void close();
+  std::string set_aside(const std::string& ending) const;
   std::string path_;
   int descriptor_ = -1;
 };

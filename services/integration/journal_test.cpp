@@ -132,6 +132,20 @@ TEST_F(JournalTest, OneThatCannotBeReadIsKept) {
   }
 }
 
+// As on a full disk, on which the trajectory finds no room, but an empty journal does.
+TEST_F(JournalTest, OneWhosePosesCouldNotBeWrittenOutlivesTheNextRun) {
+  Journal journal(path_);
+  EXPECT_EQ(journal.keep_unwritten(), "") << "there is none";
+  for (const char* ending : {".unwritten", ".2.unwritten"}) {
+    ASSERT_EQ(journal.begin({pose(0)}), "");
+    ASSERT_EQ(journal.append(pose(1)), "");
+    EXPECT_EQ(journal.keep_unwritten(), path_ + ending);
+    ASSERT_EQ(journal.begin({}), "");
+    EXPECT_EQ(journal.keep_unwritten(), "") << "there is nothing in it";
+    EXPECT_EQ(Journal(path_ + ending).read().size(), 2U);
+  }
+}
+
 TEST_F(JournalTest, BeginningAnewForgetsAndRemovingLeavesNothing) {
   Journal journal(path_);
   ASSERT_EQ(journal.begin({pose(0), pose(1)}), "");

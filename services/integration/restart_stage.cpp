@@ -61,7 +61,7 @@ void IntegrationStage::write_left(const std::vector<JournalPose>& poses) {
   }
   runtime::log_warning("an instance before left poses of another run, which are written",
                        {{"poses", poses.size()}});
-  stage_.lost_output(write_run({poses.front().run, false, poses.size()}, trajectory, odometry));
+  keep_unwritten(write_run({poses.front().run, false, poses.size()}, trajectory, odometry));
 }
 
 // Poses that were published after the newest state are computed again: they are identical, and
