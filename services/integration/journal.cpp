@@ -12,7 +12,10 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <string_view>
 #include <system_error>
+
+#include "common/geometry/write_all.hpp"
 
 namespace zloam::integration {
 namespace {
@@ -130,7 +133,8 @@ std::string Journal::begin(const std::vector<JournalPose>& poses) {
 std::string Journal::append(const JournalPose& pose) {
   if (descriptor_ < 0) return {};
   const Record record = record_of(pose);
-  if (::write(descriptor_, record.data(), sizeof record) == ssize_t{sizeof record}) return {};
+  const std::string_view bytes(reinterpret_cast<const char*>(record.data()), sizeof record);
+  if (write_all(descriptor_, bytes)) return {};
   std::string error = path_ + ": " + std::strerror(errno);
   // No more is written, because a record that was cut short would shift all later ones.
   close();

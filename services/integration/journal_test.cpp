@@ -3,10 +3,14 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cerrno>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <string>
+
+#include "common/geometry/test_file_limit.hpp"
 
 namespace zloam::integration {
 namespace {
@@ -175,6 +179,17 @@ TEST(DropAfter, OnlyLaterPosesOfTheLastRunAreDropped) {
   EXPECT_FALSE(drop_after(poses, first_run + 1, 4)) << "a pose that the journal lacks";
   EXPECT_FALSE(drop_after(poses, first_run + 2, 3)) << "a run that the journal lacks";
   EXPECT_EQ(poses.size(), 14U);
+}
+
+// The first part of the record still finds room.
+TEST_F(JournalTest, AFullDiskIsNamedAndWhatWasWrittenBeforeIsLeft) {
+  Journal journal(path_);
+  ASSERT_EQ(journal.begin({pose(0)}), "");
+  const FileLimit limit(3 * std::filesystem::file_size(path_) / 2);
+  errno = 0;
+  EXPECT_EQ(journal.append(pose(1)), path_ + ": " + std::strerror(EFBIG));
+  EXPECT_EQ(journal.append(pose(2)), "") << "said once";
+  EXPECT_EQ(journal.read().size(), 1U);
 }
 
 TEST_F(JournalTest, WithoutAPathNothingIsKept) {

@@ -8,6 +8,9 @@
 #include <cstring>
 #include <fstream>
 #include <span>
+#include <string_view>
+
+#include "common/geometry/write_all.hpp"
 
 namespace zloam::integration {
 namespace {
@@ -68,9 +71,10 @@ std::string StateFile::write(const SavedState& state) {
   head.checksum = checksum(head, state.words);
   std::vector<std::uint64_t> all = {head.checksum, head.run, head.sweep, head.words};
   all.insert(all.end(), state.words.begin(), state.words.end());
-  const std::size_t bytes = all.size() * sizeof all.front();
+  const std::string_view bytes(reinterpret_cast<const char*>(all.data()),
+                               all.size() * sizeof all.front());
   // The other file stays intact, even if this write fails.
-  if (::pwrite(descriptor, all.data(), bytes, 0) != static_cast<ssize_t>(bytes)) {
+  if (::lseek(descriptor, 0, SEEK_SET) != 0 || !write_all(descriptor, bytes)) {
     std::string error = paths_[turn_] + ": " + std::strerror(errno);
     close();
     return error;

@@ -4,8 +4,12 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cerrno>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
+
+#include "common/geometry/test_file_limit.hpp"
 
 namespace zloam::integration {
 namespace {
@@ -75,6 +79,17 @@ TEST_F(StateFileTest, WhoHasTheOldFilesOpenWritesToNobody) {
   EXPECT_EQ(file.read(7, 9)->sweep, 6U);
   file.remove();
   EXPECT_TRUE(std::filesystem::is_empty(folder_));
+}
+
+// The first part of the state still finds room.
+TEST_F(StateFileTest, AFullDiskIsNamedAndTheOneBeforeIsLeft) {
+  StateFile file(path_);
+  ASSERT_EQ(file.begin(), "");
+  ASSERT_EQ(file.write(state(0)), "");
+  const FileLimit limit(std::filesystem::file_size(path_ + ".0") - 1);
+  errno = 0;
+  EXPECT_EQ(file.write(state(1)), path_ + ".1: " + std::strerror(EFBIG));
+  EXPECT_EQ(file.read(7, 9)->sweep, 0U);
 }
 
 TEST_F(StateFileTest, WithoutAPathNothingIsKeptAndAFolderThatIsNotThereIsSaid) {

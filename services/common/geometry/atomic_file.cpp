@@ -11,21 +11,13 @@
 #include <system_error>
 #include <utility>
 
+#include "common/geometry/write_all.hpp"
+
 namespace zloam {
 namespace {
 
 std::string failure(const std::string& what, const std::string& path) {
   return what + " " + path + ": " + std::strerror(errno);
-}
-
-bool write_all(int descriptor, std::string_view bytes) {
-  while (!bytes.empty()) {
-    const ssize_t written = ::write(descriptor, bytes.data(), bytes.size());
-    if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) return false;
-    bytes.remove_prefix(static_cast<std::size_t>(written));
-  }
-  return true;
 }
 
 bool write_pieces(int descriptor, const std::function<std::string_view()>& next) {
