@@ -5,6 +5,7 @@
 #include <charconv>
 #include <cstdio>
 #include <system_error>
+#include <utility>
 
 #include "store/crc32c.hpp"
 
@@ -86,9 +87,26 @@ fs::path set_aside_name(const fs::path& path) {
   return name;
 }
 
+/// Removes the file at the end if it still has this name: what a full disk has left of it would
+/// take the room of the next records.
+class Temporary {
+ public:
+  explicit Temporary(fs::path path) : path_(std::move(path)) {}
+  ~Temporary() {
+    std::error_code ignored;
+    fs::remove(path_, ignored);
+  }
+  Temporary(const Temporary&) = delete;
+  Temporary& operator=(const Temporary&) = delete;
+
+ private:
+  fs::path path_;
+};
+
 /// Writes a file, which replaces one of that name at once.
 void write_whole(std::span<const std::uint8_t> bytes, const fs::path& path) {
   const fs::path temporary = path.parent_path() / kTemporary;
+  const Temporary removed(temporary);
   AppendFile file(temporary);
   file.append(bytes);
   file.sync();
@@ -286,6 +304,7 @@ void RecordLog::compact(
   // No base replaces one of the same number, in which the old places lie.
   if (!segment_.is_open()) open_segment();
   const std::uint64_t base = number_;
+  const Temporary removed(temporary);
   AppendFile file(temporary);
   keep([&file, base](std::span<const std::uint8_t> body) {
     const Place place{base, true, file.size() + kHead, static_cast<std::uint32_t>(body.size())};

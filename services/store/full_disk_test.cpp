@@ -1,0 +1,49 @@
+// The tile store on a full disk.
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <system_error>
+
+#include "common/geometry/test_file_limit.hpp"
+#include "store/tile_store.hpp"
+
+namespace zloam::store {
+namespace {
+
+namespace fs = std::filesystem;
+
+class FullDisk : public testing::Test {
+ protected:
+  FullDisk() {
+    std::string name = (fs::temp_directory_path() / "zloam-full-XXXXXX").string();
+    root_ = mkdtemp(name.data());
+  }
+  ~FullDisk() override { fs::remove_all(root_); }
+  fs::path root_;
+};
+
+StoredMessage message(const std::string& key, std::size_t bytes) {
+  return {"loam/r/map/tile/" + key, "flat", {1, 1, 1}, std::vector<std::uint8_t>(bytes, 7)};
+}
+
+TEST_F(FullDisk, ACompactionThatFindsNoRoomLeavesIt) {
+  StoreLimits limits;
+  // A segment for each record, so that only the compaction writes a long file.
+  limits.log.segment_bytes = 1000;
+  TileStore store(root_, limits);
+  for (const char* key : {"a", "b", "c"}) store.put(message(key, 1000));
+  {
+    const FileLimit limit(2000);
+    EXPECT_THROW(store.compact(), std::system_error);
+    EXPECT_FALSE(fs::exists(root_ / "compaction.tmp"));
+    store.put(message("d", 1000));
+  }
+  EXPECT_EQ(store.get("loam/r/map/tile/a")->payload.size(), 1000U);
+  store.compact();
+  EXPECT_EQ(TileStore(root_, limits, Access::kRead).keys().size(), 4U);
+}
+
+}  // namespace
+}  // namespace zloam::store
