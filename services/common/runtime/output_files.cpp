@@ -53,11 +53,12 @@ std::string OutputFiles::name_of(const std::string& path) const {
 }
 
 OutputFiles::Entries OutputFiles::read() const {
-  Entries entries;
+  Entries entries = unlisted_;
   std::ifstream file(fs::path(folder_) / list_);
   const Json list = Json::parse(file, nullptr, false);
   if (!list.is_object()) return entries;
   for (const auto& [name, e] : list.items()) {
+    if (unlisted_.contains(name)) continue;
     try {
       entries[name] = {{e.at("run").get<std::uint64_t>(), e.at("replay").get<bool>(),
                         e.at("count").get<std::uint64_t>()},
@@ -104,6 +105,7 @@ std::string OutputFiles::made(const std::string& path, const Run& run) {
   written_[name_of(path)] = run.id;
   const auto there = stat_of(path);
   if (there) entries[name_of(path)] = {run, there->bytes, there->changed_ns};
+  if (there) unlisted_[name_of(path)] = entries[name_of(path)];
   Json list = Json::object();
   for (const auto& [name, e] : entries) {
     if (!stat_of((fs::path(folder_) / name).string())) continue;
@@ -113,7 +115,10 @@ std::string OutputFiles::made(const std::string& path, const Run& run) {
                   {"bytes", e.bytes},
                   {"changed_ns", e.changed_ns}};
   }
-  return write_file_atomically((fs::path(folder_) / list_).string(), list.dump(1) + "\n");
+  std::string error =
+      write_file_atomically((fs::path(folder_) / list_).string(), list.dump(1) + "\n");
+  if (error.empty()) unlisted_.clear();
+  return error;
 }
 
 OutputFiles::Place OutputFiles::place(const std::string& asked) const {

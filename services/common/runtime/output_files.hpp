@@ -68,6 +68,9 @@ class OutputFiles {
   std::string list_;
   /// files written by this process: name -> run
   std::map<std::string, std::uint64_t> written_;
+  /// Those of which the list could not be written, as on a full disk: the next attempt replaces
+  /// them, instead of writing another file beside them.
+  Entries unlisted_;
 };
 
 }  // namespace zloam::runtime

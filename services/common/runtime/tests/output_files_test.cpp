@@ -11,6 +11,7 @@
 #include <fstream>
 
 #include "common/geometry/atomic_file.hpp"
+#include "common/geometry/test_file_limit.hpp"
 
 namespace zloam::runtime {
 namespace {
@@ -93,6 +94,22 @@ TEST_F(OutputFolder, WhatOthersPutThereStays) {
     put(kList, spoilt);
     EXPECT_EQ(files.suffix({1, false, 140}, {"map.pcd"}), "_5") << spoilt;
   }
+}
+
+// As on a disk that the file has filled.
+TEST_F(OutputFolder, AFileOfWhichTheListCannotBeWrittenIsReplacedByTheNextAttempt) {
+  OutputFiles files(folder.string(), kList);
+  for (const char* what : {"a", "b", "c"}) {
+    const FileLimit limit(10);
+    const std::string path = files.path("map.pcd", files.suffix({1, false, 120}, {"map.pcd"}));
+    EXPECT_EQ(path, (folder / "map.pcd").string()) << what;
+    EXPECT_EQ(write_file_atomically(path, what), "");
+    EXPECT_NE(files.made(path, {1, false, 120}), "");
+  }
+  EXPECT_EQ(OutputFiles(folder.string(), kList).suffix({1, false, 120}, {"map.pcd"}), "_2")
+      << "another process does not know whose it is";
+  EXPECT_EQ(write(files, {1, false, 120}, "d"), "map.pcd");
+  EXPECT_EQ(OutputFiles(folder.string(), kList).suffix({1, false, 120}, {"map.pcd"}), "");
 }
 
 TEST_F(OutputFolder, CommandsWriteBelowTheFolderOnly) {
