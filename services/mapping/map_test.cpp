@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cstring>
@@ -122,6 +123,41 @@ void cut_unnamed_files_of(const std::string& folder) {
     if (file.find("(deleted)") == std::string::npos || !file.starts_with(folder)) continue;
     ASSERT_EQ(::ftruncate(std::stoi(entry.path().filename().string()), 0), 0);
   }
+}
+
+/// Bytes that these files take on the disk.
+std::int64_t bytes_of_unnamed_files_of(const std::string& folder) {
+  std::int64_t bytes = 0;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
+    std::error_code gone;
+    const std::string file = std::filesystem::read_symlink(entry.path(), gone).string();
+    if (file.find("(deleted)") == std::string::npos || !file.starts_with(folder)) continue;
+    struct stat about {};
+    EXPECT_EQ(::fstat(std::stoi(entry.path().filename().string()), &about), 0);
+    bytes += 512 * about.st_blocks;
+  }
+  return bytes;
+}
+
+// A robot that drives the same round for days takes each tile out and puts it back every time.
+TEST(TileArchive, TilesThatComeBackLeaveNoRoomTakenInTheFile) {
+  const std::string folder =
+      std::filesystem::canonical(testing::TempDir()).string() + "/archive_rounds";
+  std::filesystem::create_directories(folder);
+  TileArchive archive(0, folder);
+  constexpr int kTiles = 8, kRounds = 20;
+  constexpr std::size_t kPoints = 4000;
+  for (int round = 0; round < kRounds; ++round) {
+    for (int i = 0; i < kTiles; ++i) {
+      const TileId id{{i, 0, 0}, Layer::kPlane};
+      auto points = std::vector<CountedPoint>(kPoints);
+      if (round > 0) points = archive.take(id).value().points;
+      ASSERT_EQ(points.size(), kPoints);
+      archive.put(id, {1, std::move(points)});
+    }
+  }
+  constexpr std::int64_t kOneRound = kTiles * kPoints * 32;
+  EXPECT_LT(bytes_of_unnamed_files_of(folder), 2 * kOneRound);
 }
 
 TEST(TileArchive, PointsThatCannotBeReadBackAreCountedOnceAndNeverForgotten) {

@@ -15,6 +15,11 @@ struct Stored {
 };
 static_assert(std::is_trivially_copyable_v<Stored> && sizeof(Stored) == 32);
 
+// Tiles begin at a block of the disk, so that no block is left when a tile leaves the file.
+constexpr std::size_t kBlock = 4096 / sizeof(Stored);
+
+std::size_t in_blocks(std::size_t points) { return (points + kBlock - 1) / kBlock * kBlock; }
+
 }  // namespace
 
 TileArchive::TileArchive(std::uint64_t max_points, std::string spill_directory)
@@ -25,10 +30,11 @@ TileArchive::TileArchive(std::uint64_t max_points, std::string spill_directory)
 bool TileArchive::write(Place& place) {
   if (!file_) return false;
   std::vector<Stored> stored;
-  stored.reserve(place.points.size());
+  stored.reserve(in_blocks(place.points.size()));
   for (const CountedPoint& p : place.points) {
     stored.push_back({p.mean.x(), p.mean.y(), p.mean.z(), p.count, p.intensity});
   }
+  stored.resize(in_blocks(stored.size()));
   const std::optional<std::int64_t> offset = file_->append(std::as_bytes(std::span(stored)));
   place.offset = offset.value_or(0);
   return offset.has_value();
@@ -37,8 +43,14 @@ bool TileArchive::write(Place& place) {
 void TileArchive::drop(const TileId& id) {
   const auto found = places_.find(id);
   if (found == places_.end()) return;
-  total_points_ -= found->second.count;
-  if (!found->second.in_file) memory_points_ -= found->second.count;
+  const Place& place = found->second;
+  total_points_ -= place.count;
+  if (place.in_file) {
+    file_->release(place.offset,
+                   static_cast<std::int64_t>(in_blocks(place.count) * sizeof(Stored)));
+  } else {
+    memory_points_ -= place.count;
+  }
   places_.erase(found);
 }
 

@@ -1,5 +1,6 @@
 #include "common/geometry/unnamed_file.hpp"
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <cstdio>
@@ -49,6 +50,11 @@ std::optional<std::int64_t> UnnamedFile::append(std::span<const std::byte> bytes
   }
   if (failed_) return std::nullopt;
   return begin;
+}
+
+void UnnamedFile::release(std::int64_t offset, std::int64_t bytes) {
+  if (descriptor_ < 0 || bytes <= 0) return;
+  ::fallocate(descriptor_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, offset, bytes);
 }
 
 bool UnnamedFile::read(std::int64_t offset, std::span<std::byte> bytes) const {

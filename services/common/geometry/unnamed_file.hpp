@@ -21,6 +21,8 @@ class UnnamedFile {
 
   /// Offset of the bytes; nothing: writing failed, and no more bytes can be written.
   std::optional<std::int64_t> append(std::span<const std::byte> bytes);
+  /// Gives the room of whole blocks in this range back, if the file system can: they read as zeros.
+  void release(std::int64_t offset, std::int64_t bytes);
   /// False: some of the bytes could not be read.
   bool read(std::int64_t offset, std::span<std::byte> bytes) const;
   bool failed() const { return failed_; }
