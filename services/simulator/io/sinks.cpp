@@ -7,7 +7,9 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <filesystem>
 #include <stdexcept>
+#include <system_error>
 
 #include "simulator/io/pacer.hpp"
 
@@ -94,11 +96,27 @@ class UdpSink : public Sink {
   sockaddr_in position_{};
 };
 
+/// A symbolic link stays, and its file is replaced, as that of a redirected /dev/stdout.
+std::string target_of(const std::string& path) {
+  std::error_code error;
+  const std::filesystem::path target = std::filesystem::canonical(path, error);
+  return error ? path : target.string();
+}
+
+/// A device or a pipe is written as it is: as root, the rename would put a file in the place of
+/// /dev/null.
+std::string temporary_of(const std::string& path) {
+  std::error_code error;
+  const auto status = std::filesystem::status(path, error);
+  const bool is_special = std::filesystem::exists(status) && !is_regular_file(status);
+  return is_special ? path : path + ".part";
+}
+
 }  // namespace
 
-OutputFile::OutputFile(std::string path)
-    : path_(std::move(path)),
-      temporary_(path_ + ".part"),
+OutputFile::OutputFile(const std::string& path)
+    : path_(target_of(path)),
+      temporary_(temporary_of(path_)),
       stream_(temporary_, std::ios::binary | std::ios::trunc) {
   if (!stream_) {
     throw std::runtime_error("cannot write " + path_ + ": " + std::strerror(errno));
@@ -108,7 +126,7 @@ OutputFile::OutputFile(std::string path)
 OutputFile::~OutputFile() {
   if (stream_.is_open()) {
     stream_.close();
-    std::remove(temporary_.c_str());
+    if (temporary_ != path_) std::remove(temporary_.c_str());
   }
 }
 
@@ -120,7 +138,8 @@ void OutputFile::write(const void* data, std::size_t size) {
 
 void OutputFile::close() {
   stream_.close();
-  if (!stream_ || std::rename(temporary_.c_str(), path_.c_str()) != 0) {
+  if (!stream_ ||
+      (temporary_ != path_ && std::rename(temporary_.c_str(), path_.c_str()) != 0)) {
     throw std::runtime_error("cannot write " + path_ + ": " + std::strerror(errno));
   }
 }

@@ -19,10 +19,11 @@ class Sink {
   virtual void close() = 0;
 };
 
-/// A file that appears under its name only when it is complete.
+/// A file that appears under its name only when it is complete. Devices and pipes are
+/// written directly.
 class OutputFile {
  public:
-  explicit OutputFile(std::string path);
+  explicit OutputFile(const std::string& path);
   ~OutputFile();
   OutputFile(const OutputFile&) = delete;
   OutputFile& operator=(const OutputFile&) = delete;
