@@ -124,10 +124,9 @@ OutputFile::OutputFile(const std::string& path)
 }
 
 OutputFile::~OutputFile() {
-  if (stream_.is_open()) {
-    stream_.close();
-    if (temporary_ != path_) std::remove(temporary_.c_str());
-  }
+  if (is_whole_ || temporary_ == path_) return;
+  stream_.close();
+  std::remove(temporary_.c_str());
 }
 
 void OutputFile::write(const void* data, std::size_t size) {
@@ -142,6 +141,7 @@ void OutputFile::close() {
       (temporary_ != path_ && std::rename(temporary_.c_str(), path_.c_str()) != 0)) {
     throw std::runtime_error("cannot write " + path_ + ": " + std::strerror(errno));
   }
+  is_whole_ = true;
 }
 
 std::unique_ptr<Sink> pcap_sink(const std::string& path, bool nanoseconds) {

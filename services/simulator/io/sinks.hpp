@@ -35,6 +35,7 @@ class OutputFile {
   std::string path_;
   std::string temporary_;
   std::ofstream stream_;
+  bool is_whole_ = false;
 };
 
 std::unique_ptr<Sink> pcap_sink(const std::string& path, bool nanoseconds);

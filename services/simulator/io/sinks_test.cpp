@@ -10,6 +10,8 @@
 #include <iterator>
 #include <stdexcept>
 
+#include "common/geometry/test_file_limit.hpp"
+
 namespace zloam::simulator {
 namespace {
 
@@ -44,6 +46,19 @@ TEST_F(OutputFileTest, AppearsWhenItIsCompleteAndReplacesOneBefore) {
   }
   OutputFile(path_).write("never closed");
   EXPECT_EQ(text(), "second");
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 1);
+}
+
+// The last bytes are written, and find no room, only at the end.
+TEST_F(OutputFileTest, ADiskThatIsFullAtTheEndIsNamedAndGetsItsRoomBack) {
+  OutputFile(path_).close();
+  {
+    OutputFile file(path_);
+    const FileLimit limit(500);
+    file.write(std::string(900, 'x'));
+    EXPECT_THROW(file.close(), std::runtime_error);
+  }
+  EXPECT_EQ(text(), "");
   EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 1);
 }
 
