@@ -86,6 +86,20 @@ def test_points_that_can_not_be_written_are_no_success(decode: Path, shared: Pat
     assert not done.stdout
 
 
+def test_points_that_can_not_be_made_leave_those_before(
+    decode: Path, shared: Path, tmp_path: Path
+) -> None:
+    session, out = shared / "data" / "hokuyo" / "urg_04lx.logr", tmp_path / "points"
+    out.write_bytes(b"earlier")
+    (tmp_path / "points.part").symlink_to("/dev/full")
+    for source in (session, tmp_path / "no_such.logr"):
+        command = [str(decode), "--session", str(source), "--out", str(out)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 3
+        assert out.read_bytes() == b"earlier"
+        assert list(tmp_path.iterdir()) == [out]
+
+
 def told_bad() -> tuple[str, ...]:
     return ("too_long", "bad_status", "bad_checksum", "bad_characters", "bad_length", "unexpected")
 

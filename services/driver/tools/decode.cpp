@@ -12,8 +12,11 @@
 #include <fstream>
 #include <iostream>
 #include <iterator>
+#include <optional>
+#include <sstream>
 #include <string>
 
+#include "common/geometry/output_file.hpp"
 #include "driver/io/metadata_file.hpp"
 #include "driver/io/scip_source.hpp"
 #include "driver/io/sweep_source.hpp"
@@ -108,7 +111,7 @@ Options parse(int argc, char** argv) {
   return options;
 }
 
-void write_points(std::ofstream& out, const DecodedSweep& sweep, std::uint16_t number) {
+void write_points(zloam::OutputFile& out, const DecodedSweep& sweep, std::uint16_t number) {
   std::vector<Record> records;
   records.reserve(sweep.points.size());
   for (std::size_t i = 0; i < sweep.points.size(); ++i) {
@@ -116,20 +119,22 @@ void write_points(std::ofstream& out, const DecodedSweep& sweep, std::uint16_t n
     records.push_back({p.x, p.y, p.z, p.intensity, sweep.stamp_ns + p.time_ns, p.ring,
                        static_cast<std::uint8_t>(p.return_type), 0, sweep.columns[i], number});
   }
-  out.write(reinterpret_cast<const char*>(records.data()),
-            static_cast<std::streamsize>(records.size() * sizeof(Record)));
+  out.write(records.data(), records.size() * sizeof(Record));
 }
 
 /// In the format that driver.imu_path reads.
-void write_readings(std::ofstream& out, const std::vector<zloam::ImuReading>& readings) {
+void write_readings(zloam::OutputFile& out, const std::vector<zloam::ImuReading>& readings) {
+  std::ostringstream lines;
+  lines.precision(9);
   for (const zloam::ImuReading& r : readings) {
-    out << r.stamp_ns;
+    lines << r.stamp_ns;
     for (const double value : {r.rate_radps.x(), r.rate_radps.y(), r.rate_radps.z(),
                                r.force_mps2.x(), r.force_mps2.y(), r.force_mps2.z()}) {
-      out << ',' << value;
+      lines << ',' << value;
     }
-    out << '\n';
+    lines << '\n';
   }
+  out.write(lines.str());
 }
 
 /// Concatenated payloads in memory.
@@ -155,19 +160,6 @@ std::vector<std::uint8_t> read_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file) throw SourceError(path + ": " + std::strerror(errno));
   return {std::istreambuf_iterator<char>(file), {}};
-}
-
-std::ofstream open_file(const std::string& path) {
-  std::ofstream file(path, std::ios::binary);
-  if (!file) throw SourceError(path + ": " + std::strerror(errno));
-  return file;
-}
-
-/// Throws SourceError if something that was written is not in the file.
-void close_file(std::ofstream& file, const std::string& path) {
-  if (!file.is_open()) return;
-  file.close();
-  if (!file) throw SourceError(path + ": not all of it could be written; is the disk full?");
 }
 
 double cpu_seconds() {
@@ -211,8 +203,7 @@ std::unique_ptr<SweepSource> open_source(const Options& options,
 }
 
 struct Outputs {
-  std::ofstream points;
-  std::ofstream readings;
+  std::optional<zloam::OutputFile> points, readings;
 };
 
 void run_once(const Options& options, std::span<const std::uint8_t> in_memory, Outputs& out,
@@ -222,16 +213,16 @@ void run_once(const Options& options, std::span<const std::uint8_t> in_memory, O
   const auto source = open_source(options, in_memory);
   DecodedSweep sweep;
   while (source->pull(sweep) == Pull::kSweep) {
-    if (out.points.is_open()) {
-      write_points(out.points, sweep, static_cast<std::uint16_t>(totals.sweeps));
+    if (out.points) {
+      write_points(*out.points, sweep, static_cast<std::uint16_t>(totals.sweeps));
     }
-    if (out.readings.is_open()) write_readings(out.readings, source->take_imu());
+    if (out.readings) write_readings(*out.readings, source->take_imu());
     totals.points += sweep.points.size();
     totals.complete += sweep.complete;
     ++totals.sweeps;
   }
   // Those after the last sweep.
-  if (out.readings.is_open()) write_readings(out.readings, source->take_imu());
+  if (out.readings) write_readings(*out.readings, source->take_imu());
   totals.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   totals.cpu_seconds += cpu_seconds() - cpu_begin_s;
   totals.counts = source->counts();
@@ -260,18 +251,17 @@ int main(int argc, char** argv) {
   mallopt(M_TRIM_THRESHOLD, 1 << 30);
   try {
     Outputs out;
-    if (!options.out.empty()) out.points = open_file(options.out);
+    if (!options.out.empty()) out.points.emplace(options.out);
     if (!options.imu_out.empty()) {
-      out.readings = open_file(options.imu_out);
-      out.readings.precision(9);
-      out.readings << "t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2\n";
+      out.readings.emplace(options.imu_out);
+      out.readings->write("t_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2\n");
     }
     Totals totals;
     std::vector<std::uint8_t> in_memory;
     if (options.in_memory) in_memory = read_file(options.path);
     for (int i = 0; i < options.repeat; ++i) run_once(options, in_memory, out, totals);
-    close_file(out.points, options.out);
-    close_file(out.readings, options.imu_out);
+    if (out.points) out.points->close();
+    if (out.readings) out.readings->close();
     print(totals);
   } catch (const std::exception& error) {
     std::cerr << "zloam-decode: " << error.what() << "\n";

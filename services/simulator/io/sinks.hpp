@@ -1,12 +1,12 @@
 #pragma once
 // Sinks for datagrams: files and the network. Part of the program, not of the library.
 
-#include <fstream>
 #include <memory>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "common/geometry/output_file.hpp"
 #include "simulator/capture.hpp"
 
 namespace zloam::simulator {
@@ -17,25 +17,6 @@ class Sink {
   virtual ~Sink() = default;
   virtual void put(std::span<const Datagram> datagrams) = 0;
   virtual void close() = 0;
-};
-
-/// A file that appears under its name only when it is complete. Devices and pipes are
-/// written directly.
-class OutputFile {
- public:
-  explicit OutputFile(const std::string& path);
-  ~OutputFile();
-  OutputFile(const OutputFile&) = delete;
-  OutputFile& operator=(const OutputFile&) = delete;
-  void write(const void* data, std::size_t size);
-  void write(const std::string& text) { write(text.data(), text.size()); }
-  void close();
-
- private:
-  std::string path_;
-  std::string temporary_;
-  std::ofstream stream_;
-  bool is_whole_ = false;
 };
 
 std::unique_ptr<Sink> pcap_sink(const std::string& path, bool nanoseconds);

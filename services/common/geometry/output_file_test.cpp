@@ -1,4 +1,4 @@
-#include "simulator/io/sinks.hpp"
+#include "common/geometry/output_file.hpp"
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -12,7 +12,7 @@
 
 #include "common/geometry/test_file_limit.hpp"
 
-namespace zloam::simulator {
+namespace zloam {
 namespace {
 
 namespace fs = std::filesystem;
@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 class OutputFileTest : public testing::Test {
  protected:
   OutputFileTest() {
-    std::string name = (fs::temp_directory_path() / "zloam-sinks-XXXXXX").string();
+    std::string name = (fs::temp_directory_path() / "zloam-output-XXXXXX").string();
     folder_ = mkdtemp(name.data());
     path_ = (folder_ / "out.csv").string();
   }
@@ -97,4 +97,4 @@ TEST_F(OutputFileTest, ALinkStaysAndItsFileIsReplaced) {
 }
 
 }  // namespace
-}  // namespace zloam::simulator
+}  // namespace zloam
