@@ -113,13 +113,16 @@ std::string Journal::set_aside(const std::string& ending) const {
 std::string Journal::begin(const std::vector<JournalPose>& poses) {
   close();
   if (path_.empty()) return {};
-  std::error_code ignored;
+  std::error_code unmade;
   const std::filesystem::path folder = std::filesystem::path(path_).parent_path();
-  if (!folder.empty()) std::filesystem::create_directories(folder, ignored);
+  if (!folder.empty()) std::filesystem::create_directories(folder, unmade);
   // The old journal stays until the new one is complete: this process may be killed too.
   const std::string fresh = path_ + ".new";
   descriptor_ = ::open(fresh.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_APPEND | O_CLOEXEC, 0644);
-  if (descriptor_ < 0) return path_ + ": " + std::strerror(errno);
+  if (descriptor_ < 0) {
+    return unmade ? folder.string() + ": " + unmade.message()
+                  : path_ + ": " + std::strerror(errno);
+  }
   std::string error;
   for (const JournalPose& pose : poses) {
     if (error.empty()) error = append(pose);

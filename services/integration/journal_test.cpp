@@ -202,6 +202,9 @@ TEST_F(JournalTest, WithoutAPathNothingIsKept) {
 TEST_F(JournalTest, AFolderThatCannotBeMadeIsSaid) {
   Journal journal("/proc/nowhere/run.journal");
   EXPECT_NE(journal.begin({}), "");
+  std::ofstream(folder_ / "file") << "x";
+  const std::string missing = (folder_ / "file" / "sub").string();
+  EXPECT_EQ(Journal(missing + "/run.journal").begin({}), missing + ": Not a directory");
 }
 
 }  // namespace

@@ -34,6 +34,20 @@ mode_t mode_of(const std::string& path) {
   return is_file ? about.st_mode & 07777 : 0644;
 }
 
+/// Makes a file in the folder, and the folder if it is missing. -1: `reason` says why not.
+int create_in(const std::filesystem::path& folder, std::string& name, std::string& reason) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  const std::string path = name;
+  name += ".XXXXXX";
+  const int descriptor = ::mkostemp(name.data(), O_CLOEXEC);
+  if (descriptor >= 0) return descriptor;
+  // Of a folder that could not be made, errno only says that it is not there.
+  reason = error ? "cannot create the folder " + folder.string() + ": " + error.message()
+                 : failure("cannot create a file beside", path);
+  return -1;
+}
+
 void sync_folder(const std::filesystem::path& folder) {
   const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (descriptor < 0) return;
@@ -52,14 +66,12 @@ std::string write_file_atomically(const std::string& path,
                                   const std::function<std::string()>& verdict) {
   std::filesystem::path folder = std::filesystem::path(path).parent_path();
   if (folder.empty()) folder = ".";
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  std::string temporary = path + ".XXXXXX";
-  const int descriptor = ::mkostemp(temporary.data(), O_CLOEXEC);
-  if (descriptor < 0) return failure("cannot create a file beside", path);
+  std::string temporary = path, reason;
+  const int descriptor = create_in(folder, temporary, reason);
+  if (descriptor < 0) return reason;
   ::fchmod(descriptor, mode_of(path));
   bool good = write_pieces(descriptor, next) && ::fsync(descriptor) == 0;
-  std::string reason = good ? std::string() : failure("cannot write", path);
+  if (!good) reason = failure("cannot write", path);
   if (good && verdict) {
     reason = verdict();
     good = reason.empty();
