@@ -7,11 +7,11 @@
 #include <iostream>
 #include <stdexcept>
 #include <string>
-#include <system_error>
 #include <utility>
 #include <vector>
 
 #include "sessions/merged_files.hpp"
+#include "sessions/result_folder.hpp"
 
 namespace zloam::sessions {
 namespace {
@@ -37,7 +37,7 @@ Options parse(int argc, char** argv) {
       "command line; 3 a file can't be read or "
       "written.");
   app.add_option("MAP", options.maps, "map folder of a run (MAP=folder, --map folder)")->required();
-  app.add_option("--out", options.out, "folder for the output files")->required();
+  app.add_option("--out", options.out, "folder for the output files; new or empty")->required();
   app.add_flag("--quiet", options.quiet, "print no progress");
   app.set_version_flag("--version", "zloam-sessions " ZLOAM_VERSION);
   try {
@@ -80,18 +80,16 @@ Merged merged(const Options& options) {
   return out;
 }
 
-/// Throws if a file can't be written; nothing is left of a folder that was new. The report is the
-/// last file, so that it stands for a whole result.
+/// Throws if a file can't be written. The report is the last file, so that it stands for a whole
+/// result.
 void write(const Merged& found, const std::filesystem::path& folder) {
-  const bool is_new = !std::filesystem::exists(folder);
+  ResultFolder out(folder);
   std::string error = write_submap_poses(found, folder);
   if (error.empty()) error = write_g2o(found, folder / "graph.g2o");
   if (error.empty()) error = write_points(found, folder / "map.pcd");
   if (error.empty()) error = write_report(found, folder / "sessions.json");
-  if (error.empty()) return;
-  std::error_code ignored;
-  if (is_new) std::filesystem::remove_all(folder, ignored);
-  throw std::runtime_error(error);
+  if (!error.empty()) throw std::runtime_error(error);
+  out.keep();
 }
 
 int verdict(const Merged& found) {
@@ -124,6 +122,8 @@ int main(int argc, char** argv) {
   using namespace zloam::sessions;
   const Options options = parse(argc, argv);
   try {
+    // Refused before the work, too.
+    ResultFolder(options.out).keep();
     const Merged found = merged(options);
     write(found, options.out);
     return verdict(found);

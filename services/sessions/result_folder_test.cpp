@@ -1,0 +1,55 @@
+#include "sessions/result_folder.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <stdexcept>
+#include <string>
+
+namespace zloam::sessions {
+namespace {
+
+namespace fs = std::filesystem;
+
+class ResultFolderTest : public testing::Test {
+ protected:
+  ResultFolderTest() {
+    std::string name = (fs::temp_directory_path() / "zloam-result-XXXXXX").string();
+    root_ = mkdtemp(name.data());
+  }
+  ~ResultFolderTest() override { fs::remove_all(root_); }
+
+  /// Writes a file of a merge into the folder.
+  static void write(const ResultFolder& out) {
+    fs::create_directories(out.path());
+    std::ofstream(out.path() / "graph.g2o") << "graph";
+  }
+
+  fs::path root_;
+};
+
+TEST_F(ResultFolderTest, OfAFailureNothingIsLeftAndTheFolderCanBeNamedAgain) {
+  const fs::path missing = root_ / "missing", empty = root_ / "empty";
+  fs::create_directory(empty);
+  for (const fs::path& folder : {missing, empty}) {
+    write(ResultFolder(folder));
+    EXPECT_EQ(fs::exists(folder), folder == empty);
+    ResultFolder again(folder);
+    write(again);
+    again.keep();
+  }
+  for (const fs::path& folder : {missing, empty}) {
+    EXPECT_TRUE(fs::exists(folder / "graph.g2o"));
+  }
+}
+
+TEST_F(ResultFolderTest, FilesOfOthersStay) {
+  std::ofstream(root_ / "map.pcd") << "mine";
+  EXPECT_THROW(ResultFolder out(root_), std::runtime_error);
+  EXPECT_THROW(ResultFolder out(root_ / "map.pcd"), std::runtime_error);
+  EXPECT_TRUE(fs::exists(root_ / "map.pcd"));
+}
+
+}  // namespace
+}  // namespace zloam::sessions
