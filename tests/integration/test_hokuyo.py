@@ -100,6 +100,14 @@ def test_points_that_can_not_be_made_leave_those_before(
         assert list(tmp_path.iterdir()) == [out]
 
 
+def test_a_summary_that_can_not_be_written_is_no_success(decode: Path, shared: Path) -> None:
+    command = [str(decode), "--session", str(shared / "data" / "hokuyo" / "urg_04lx.logr")]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 3
+    assert "standard output" in done.stderr
+
+
 def told_bad() -> tuple[str, ...]:
     return ("too_long", "bad_status", "bad_checksum", "bad_characters", "bad_length", "unexpected")
 

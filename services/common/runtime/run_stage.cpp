@@ -220,13 +220,21 @@ int work(const StageSpec& spec, StageSetup setup) {
   return code;
 }
 
+/// Throws IoError if standard output does not take all of it, as a file on a full disk.
+void print(const std::string& text) {
+  std::printf("%s\n", text.c_str());
+  if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
+    throw IoError("standard output: the result can't be written");
+  }
+}
+
 int run(const StageSpec& spec, const CommandLine& line, const std::vector<const char*>& arguments) {
   SharedConfig shared;
   Parameters parameters;
   bind(parameters, shared);
   if (spec.bind) spec.bind(parameters);
   if (line.describe) {
-    std::printf("%s\n", parameters.describe_json().c_str());
+    print(parameters.describe_json());
     return kExitOk;
   }
   // Other programs' sections are skipped, except for the keys that this stage reads as well; an
@@ -237,7 +245,7 @@ int run(const StageSpec& spec, const CommandLine& line, const std::vector<const 
   std::vector<Revision> presets = presets_of(line.settings_at, spec.name, foreign, parameters);
   check_endpoints(shared.zenoh);
   if (line.check) {
-    std::printf("%s\n", parameters.values_json().c_str());
+    print(parameters.values_json());
     return kExitOk;
   }
   if (line.health || line.alive) {

@@ -229,6 +229,7 @@ void run_once(const Options& options, std::span<const std::uint8_t> in_memory, O
   totals.remarks = source->remarks();
 }
 
+/// Throws SourceError.
 void print(const Totals& totals) {
   std::cout << "{\"points\":" << totals.points << ",\"sweeps\":" << totals.sweeps
             << ",\"complete\":" << totals.complete << ",\"seconds\":" << totals.seconds
@@ -237,7 +238,8 @@ void print(const Totals& totals) {
   for (const auto& [name, count] : totals.counts) {
     if (name != "points") std::cout << ",\"" << name << "\":" << count;
   }
-  std::cout << "}\n";
+  std::cout << "}\n" << std::flush;
+  if (!std::cout) throw SourceError("standard output: the summary can't be written");
   for (const std::string& text : totals.remarks) std::cerr << "zloam-decode: " << text << "\n";
 }
 

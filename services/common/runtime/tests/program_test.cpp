@@ -10,6 +10,7 @@
 #include <array>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -92,6 +93,14 @@ TEST(Program, HelpAndDescriptionsEndWithZero) {
   Program check({"--check-config", "--set", "registration.value=1.5"});
   EXPECT_EQ(check.exit_code(), 0);
   EXPECT_THAT(check.output(), HasSubstr("\"registration.value\":1.5"));
+}
+
+TEST(Program, ADescriptionThatFindsNoRoomEndsWithThree) {
+  for (const char* option : {"--describe-config", "--check-config"}) {
+    const std::string command = std::string(ZLOAM_TEST_PROGRAM) + " " + option + " > /dev/full";
+    const int status = std::system(command.c_str());
+    EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 3) << option;
+  }
 }
 
 TEST(Program, WrongUseEndsWithTwo) {
