@@ -45,5 +45,21 @@ TEST_F(FullDisk, ACompactionThatFindsNoRoomLeavesIt) {
   EXPECT_EQ(TileStore(root_, limits, Access::kRead).keys().size(), 4U);
 }
 
+// The store tries again each second.
+TEST_F(FullDisk, ACompactionThatNeedsMoreRoomThanThereIsWritesNothing) {
+  RecordLog log(root_, {}, [](std::span<const std::uint8_t>, const Place&) {});
+  const std::uint64_t before = changes();
+  bool is_asked = false;
+  try {
+    log.compact(std::uint64_t{1} << 60, [&](const auto&) { is_asked = true; });
+    ADD_FAILURE() << "done without room";
+  } catch (const std::system_error& e) {
+    EXPECT_EQ(e.code(), std::errc::no_space_on_device);
+    EXPECT_NE(std::string(e.what()).find(root_.string()), std::string::npos) << e.what();
+  }
+  EXPECT_FALSE(is_asked);
+  EXPECT_EQ(changes(), before);
+}
+
 }  // namespace
 }  // namespace zloam::store

@@ -1,5 +1,7 @@
 #include "store/record_log.hpp"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -112,6 +114,17 @@ void write_whole(std::span<const std::uint8_t> bytes, const fs::path& path) {
   file.sync();
   file.close();
   rename_file(temporary, path);
+}
+
+/// Throws if the file system has less room: an attempt would fill it, again and again.
+void need_room(const fs::path& folder, std::uint64_t bytes) {
+  std::error_code unknown;
+  const fs::space_info space = fs::space(folder, unknown);
+  // The reserve is for root only.
+  if (unknown || (::geteuid() == 0 ? space.free : space.available) >= bytes) return;
+  throw std::system_error(std::make_error_code(std::errc::no_space_on_device),
+                          "a compaction needs " + std::to_string((bytes >> 20) + 1) + " MiB in " +
+                              folder.string());
 }
 
 /// Leaves these first bytes of the file. An earlier map may have the file too (a hard link): there
@@ -298,9 +311,11 @@ void RecordLog::remove_up_to(std::uint64_t number, bool bases) {
 }
 
 void RecordLog::compact(
+    std::uint64_t bytes,
     const std::function<void(const std::function<Place(std::span<const std::uint8_t>)>&)>& keep) {
   const fs::path temporary = folder_ / kTemporary;
   fs::remove(temporary);
+  need_room(folder_, bytes);
   // No base replaces one of the same number, in which the old places lie.
   if (!segment_.is_open()) open_segment();
   const std::uint64_t base = number_;

@@ -77,8 +77,10 @@ class RecordLog {
   std::vector<std::filesystem::path> close_files();
 
   /// Replaces everything by the records that `keep` passes to its argument, which returns their new
-  /// places. Their old places are valid until remove_compacted().
+  /// places. Their old places are valid until remove_compacted(). `bytes`: about what they take;
+  /// without room for them, nothing is written.
   void compact(
+      std::uint64_t bytes,
       const std::function<void(const std::function<Place(std::span<const std::uint8_t>)>&)>& keep);
   void remove_compacted();
   /// After a compaction: what the folder lacks is no longer wanted.
