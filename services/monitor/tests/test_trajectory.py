@@ -90,6 +90,7 @@ FIRST_NS = 1704067210000000000
         "\n".join(line.replace(" ", ",") for line in LINES).encode(),
         "\n".join(line.replace(" ", "; ") for line in LINES).encode(),
         ("timestamp tx ty tz qx qy qz qw\n" + "\n".join(LINES)).encode(),
+        ("t x y z qx qy qz qw n\n\n" + "\n".join(f"{line} 7" for line in LINES)).encode(),
         "\n".join(f"  {line} # fine" for line in ["#", *LINES]).encode(),
         "\n".join(f"{1704067210000 + 100 * i} {i} 0 0 0 0 0 1" for i in range(5)).encode(),
         "\n".join(f"{1704067210000000 + 10**5 * i} {i} 0 0 0 0 0 1" for i in range(5)).encode(),

@@ -85,7 +85,9 @@ def _names(path: Path, lines: list[str]) -> str:
     letters = ""
     for number, line in enumerate(lines, 1):
         named = line.strip().lstrip("#%").strip()
-        if named and _is_number(re.split(r"[,;\s]", named)[0]):
+        if not named:
+            continue
+        if _is_number(re.split(r"[,;\s]", named)[0]):
             break  # The first pose.
         names = re.split(r"[,;]", named) if re.search(r"[,;]", named) else named.split()
         letters = "".join(_axis(name) for name in names)
