@@ -144,6 +144,26 @@ def test_an_interrupt_ends_the_recording(tmp_path: Path, source: Path) -> None:
     assert any(reply[0][:2] == b"ME" and len(reply) > 2 for reply in peer.replies(log))
 
 
+def test_an_interrupt_before_the_first_scan_leaves_no_session(
+    tmp_path: Path, source: Path
+) -> None:
+    device, log = TcpDevice(source, 1.0), tmp_path / "drive.logr"
+    device.spoil = lambda number, data: b""
+    device.begin()
+    command = [sys.executable, str(EXAMPLE), device.name, "60", str(log)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as recorder:
+        ends = time.monotonic() + 30.0
+        while not any(c.startswith(b"ME") for c in device.commands) and time.monotonic() < ends:
+            time.sleep(0.05)
+        recorder.send_signal(signal.SIGINT)
+        _, said = recorder.communicate()
+    device.close()
+    assert recorder.returncode == 1
+    assert "nothing is recorded" in said
+    assert "Traceback" not in said
+    assert not log.exists()
+
+
 @pytest.mark.parametrize("seconds", ["nan", "0", "soon"])
 def test_a_duration_that_is_none_is_refused(tmp_path: Path, source: Path, seconds: str) -> None:
     log = tmp_path / "drive.logr"

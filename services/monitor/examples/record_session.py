@@ -128,6 +128,8 @@ def main() -> None:
         record(scanner, seconds, Path(path))
     except (OSError, ValueError, termios.error) as error:
         sys.exit(f"{device}, {path}: {error}")
+    except KeyboardInterrupt:
+        sys.exit("ended before the first scan: nothing is recorded")
     finally:
         if scanner is not None:
             with contextlib.suppress(OSError):
