@@ -124,7 +124,7 @@ void Client::on_reply(const RawReply& reply) {
   on_answer(reply, *head);
 }
 
-/// A session tells of the scanner, which can't be asked or rebooted any more.
+/// The scanner of a session can be neither asked nor rebooted: its replies are only reported.
 void Client::on_recorded(const RawReply& reply, const Head& head) {
   if (head.command == "PP") return on_parameters(reply);
   if (head.command == "II") return on_status(reply);
@@ -260,7 +260,7 @@ void Client::fault(const Head& head, std::int64_t now_ns) {
   if (!checks && state_ != State::kRebooting) reboot(now_ns);
 }
 
-/// Passes by itself: the dialogue starts again each second until then, however long it takes.
+/// The state ends by itself. Until then the dialogue starts again each second, without a limit.
 void Client::wait_until_stable(const Head& head) {
   say("the scanner is not ready: " + meaning(head));
   unfinished_ = 0;

@@ -1,5 +1,5 @@
-// Answers that are no plain success: SCIP 1, a scanner that is not ready,
-// faults and single scans in a recorded session.
+// Answers other than success: SCIP 1, a scanner that is not ready, faults and single scans in a
+// recorded session.
 
 #include <gtest/gtest.h>
 

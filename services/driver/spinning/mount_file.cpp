@@ -20,8 +20,8 @@ constexpr double kDegree = std::numbers::pi / 180.0;
 // The times of a sweep's points, and its period, are 32-bit nanoseconds: 4.29 s. Its last line lies
 // within the rest, also where the scanner is slower than it tells.
 constexpr double kLongestSweep_s = 3.9;
-// Of motor.turn_s, told or by a profile: the sweeps of one turn are counted in 16 bits.
-constexpr double kLongestTurn_s = 30.0;
+// Limit of motor.turn_s and of a profile's turn: the sweeps of one turn are counted in 16 bits.
+constexpr int kLongestTurn_s = 30;
 
 /// Roll, pitch, yaw of R = Rz(yaw) * Ry(pitch) * Rx(roll).
 Eigen::Vector3d rpy_deg_of(const Pose& pose) {
@@ -65,7 +65,7 @@ std::function<void(const YAML::Node&)> vector(Eigen::Vector3d& into) {
   throw std::invalid_argument(key + " " + text);
 }
 
-/// A key as in the file. One that is a list or a section is the name of nothing.
+/// A key as in the file, also if it is a list or a section, which is never a known key.
 std::string text_of(const YAML::Node& key) {
   if (key.IsScalar()) return key.Scalar();
   std::string text = YAML::Dump(key);
@@ -133,7 +133,8 @@ MotorProfile checked(const ToldProfile& told) {
   const MotorProfile profile{told.from_s, told.speed_deg_s * kDegree, told.amplitude_deg * kDegree,
                              told.reversal_s};
   if (profile.turn_s() > kLongestTurn_s) {
-    object("motor.profile.speed_deg_s", "is so slow that a turn takes more than 30 s");
+    object("motor.profile.speed_deg_s", "is so slow that a turn takes more than " +
+                                           std::to_string(kLongestTurn_s) + " s");
   }
   return profile;
 }

@@ -172,7 +172,7 @@ void SpinningSweeps::put_points(const Line& line) {
 
 void SpinningSweeps::close() {
   if (!open_) return;
-  // Nobody promised a single scan, so that none is lost, and no number of them is a whole sweep.
+  // The number of single scans is not known in advance: none is missing, and no sweep is complete.
   const auto wanted = single_ ? 0U : static_cast<std::uint32_t>(length_.lines);
   sweep_.packets_lost = wanted - std::min(wanted, sweep_.packets);
   sweep_.complete = !single_ && sweep_.packets_lost == 0;

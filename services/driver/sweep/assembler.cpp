@@ -18,7 +18,7 @@ constexpr double kToNearest = 0.5;
 // Points by which a sweep's buffers grow at least.
 constexpr std::size_t kRoomStep = 512;
 
-/// A motor that hardly turns would take longer than 32-bit nanoseconds can tell: the longest then.
+/// Limited to 32-bit nanoseconds: a motor that hardly turns takes longer.
 std::uint32_t period_from(double period_ns) {
   constexpr double kLongestNs = std::numeric_limits<std::uint32_t>::max();
   return static_cast<std::uint32_t>(std::llround(std::min(period_ns, kLongestNs)));
