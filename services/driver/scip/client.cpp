@@ -189,10 +189,7 @@ void Client::on_parameters(const RawReply& reply) {
   }
   if (!config_.asks) return;
   if (request().last_step < request().first_step) {
-    refusal_ =
-        "none of the scanner's steps lies between scanner.from_deg and scanner.to_deg of the file "
-        "in "
-        "driver.metadata";
+    refusal_ = std::string("none of the scanner's steps ") + kInWindow;
     return;
   }
   ask("II", State::kStatus, reply.received_ns);

@@ -21,7 +21,8 @@ struct ClientConfig {
   bool asks = true;
   bool intensities = true;
   bool several_echoes = false;
-  /// steps to measure, from the scanner's front, degrees counter-clockwise; limited to its range
+  /// steps to measure, from the scanner's front, degrees counter-clockwise; limited to its range.
+  /// Of received data, the others are left out
   double from_deg = -180.0;
   double to_deg = 180.0;
   int cluster = 1;
@@ -30,6 +31,10 @@ struct ClientConfig {
   /// added to the stamps of scans that are tied to their receive times; not if TM1 ties them
   std::int64_t stamp_offset_ns = 0;
 };
+
+/// The window of a scanner's steps, as messages name it.
+inline constexpr const char* kInWindow =
+    "lies between scanner.from_deg and scanner.to_deg of the file in driver.metadata";
 
 /// A scan with its place in time.
 struct TimedScan {
@@ -99,6 +104,7 @@ class Client {
   void on_started(const Head& head, std::int64_t now_ns);
   void tie_clock();
   void place(Scan scan);
+  void cut_to_window(Scan& scan);
   std::int64_t turns_to(std::int64_t stamp_ns);
   std::int64_t turns_of_line(const ScanRequest& request, std::int64_t turns);
   LineArrival arrival(const Scan& scan) const;

@@ -77,8 +77,24 @@ void Client::place(Scan scan) {
     turns_of_singles_ += timed.turns;
   }
   last_stamp_ns_ = timed.stamp_ns;
+  // A live scanner sends no other steps.
+  if (!config_.asks) cut_to_window(scan);
   timed.scan = std::move(scan);
   scans_.push_back(std::move(timed));
+}
+
+/// Leaves out the steps that a live scanner would not have been asked for.
+void Client::cut_to_window(Scan& scan) {
+  const ScanRequest wanted = request();
+  ScanRequest& sent = scan.request;
+  const int first = std::max(sent.first_step, wanted.first_step);
+  const int last = std::min(sent.last_step, wanted.last_step);
+  if (first == sent.first_step && last == sent.last_step) return;
+  std::erase_if(scan.echoes,
+                [&](const Echo& echo) { return echo.step < first || echo.step > last; });
+  if (last < first) return say(std::string("no step of the recorded lines ") + kInWindow);
+  sent.first_step = first;
+  sent.last_step = last;
 }
 
 /// Revolutions from the scan before, which may be of an earlier connection.

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "driver/scip/client.hpp"
@@ -149,6 +150,59 @@ TEST(ScipDialogue, FaultsInASessionAreCountedAndReadOver) {
   int lines = 0;
   while (dialogue.client.take_scan()) ++lines;
   EXPECT_EQ(lines, 60);
+}
+
+/// Lines of all steps, as of a session that was recorded without a window.
+std::vector<TimedScan> recorded_lines(const ClientConfig& config, std::vector<std::string>& remarks) {
+  Dialogue dialogue(config);
+  dialogue.device.measured = "ME0000108001000";
+  dialogue.connect();
+  dialogue.give(answer("PP", "00", TestDevice::parameters()));
+  std::vector<TimedScan> lines;
+  for (int i = 0; i < 60; ++i) {
+    dialogue.pass_quietly(25 * kMs);
+    dialogue.give(dialogue.device.scan());
+    while (auto line = dialogue.client.take_scan()) lines.push_back(std::move(*line));
+  }
+  remarks = dialogue.client.remarks();
+  return lines;
+}
+
+TEST(ScipDialogue, ASessionHasNoStepsBeyondTheWindow) {
+  ClientConfig whole;
+  whole.asks = false;
+  ClientConfig front = whole;
+  front.from_deg = -90.0;
+  front.to_deg = 45.0;
+  std::vector<std::string> remarks;
+  const std::vector<TimedScan> all = recorded_lines(whole, remarks);
+  const std::vector<TimedScan> cut = recorded_lines(front, remarks);
+  ASSERT_EQ(all.size(), 60U);
+  ASSERT_EQ(cut.size(), 60U);
+  for (std::size_t i = 0; i < cut.size(); ++i) {
+    EXPECT_EQ(all[i].scan.echoes.size(), 1081U);
+    // 0.25 degrees a step, 540 at the front.
+    ASSERT_EQ(cut[i].scan.echoes.size(), 541U);
+    EXPECT_EQ(cut[i].scan.echoes.front().step, 180);
+    EXPECT_EQ(cut[i].scan.echoes.back().step, 720);
+    EXPECT_EQ(cut[i].scan.request.first_step, 180);
+    EXPECT_EQ(cut[i].scan.request.last_step, 720);
+    EXPECT_EQ(cut[i].stamp_ns, all[i].stamp_ns);
+  }
+  EXPECT_EQ(remarks, std::vector<std::string>());
+}
+
+TEST(ScipDialogue, ASessionWithoutStepsInTheWindowIsNamed) {
+  ClientConfig beside;
+  beside.asks = false;
+  beside.from_deg = 136.0;
+  beside.to_deg = 170.0;
+  std::vector<std::string> remarks;
+  for (const TimedScan& line : recorded_lines(beside, remarks)) {
+    EXPECT_TRUE(line.scan.echoes.empty());
+  }
+  ASSERT_EQ(remarks.size(), 1U);
+  EXPECT_NE(remarks.front().find("scanner.from_deg"), std::string::npos) << remarks.front();
 }
 
 TEST(ScipDialogue, SingleScansDoNotDisturbTheCountOfRevolutions) {
