@@ -19,6 +19,7 @@ constexpr int kCounterReadings = 10;
 // Status of a measurement that goes on after a self-check.
 constexpr const char* kHasChecked = "98";
 constexpr const char* kChecked = "the scanner stopped to check itself, and measures again";
+constexpr const char* kNoIntensities = "the scanner gives no intensities: they are 0";
 
 bool well(const Head& head) { return head.status == "00"; }
 
@@ -130,6 +131,10 @@ void Client::on_recorded(const RawReply& reply, const Head& head) {
   if (head.command == "II") return on_status(reply);
   if (is_unstable(head)) return wait_until_stable(head);
   if (head.status == kHasChecked) say(kChecked);
+  if (!is_refusal(head)) return;
+  // Whoever recorded the session then asked for the distances alone.
+  const bool without_intensities = is_unknown(head) && head.command == "ME";
+  say(without_intensities ? kNoIntensities : "the scanner refused to measure: " + meaning(head));
 }
 
 /// Some scanners speak SCIP 1 until they are told to change, and do not know QT in it.
@@ -235,10 +240,10 @@ void Client::on_started(const Head& head, std::int64_t now_ns) {
     state_ = State::kMeasuring;
     return;
   }
-  const bool unknown = head.status == "0E" || head.status == "0F";
+  const bool unknown = is_unknown(head);
   if (unknown && config_.intensities && !config_.several_echoes) {
     config_.intensities = false;
-    say("the scanner gives no intensities: they are 0");
+    say(kNoIntensities);
     return after_adjusting(now_ns);
   }
   refusal_ = "the scanner does not measure: " + meaning(head);

@@ -205,6 +205,29 @@ TEST(ScipDialogue, ASessionWithoutStepsInTheWindowIsNamed) {
   EXPECT_NE(remarks.front().find("scanner.from_deg"), std::string::npos) << remarks.front();
 }
 
+TEST(ScipDialogue, ASessionsRefusedMeasurementIsNamed) {
+  ClientConfig config;
+  config.asks = false;
+  Dialogue dialogue(config);
+  dialogue.connect();
+  dialogue.give(answer("PP", "00", TestDevice::parameters()));
+  dialogue.give(answer("BM", "02"));
+  dialogue.give(answer("ME0000108001000", "0E"));
+  EXPECT_EQ(dialogue.client.remarks(),
+            std::vector<std::string>({"the scanner gives no intensities: they are 0"}));
+  dialogue.give(answer("MD0000108001000", "00"));
+  EXPECT_EQ(dialogue.client.remarks().size(), 1U);
+  for (const char* const command : {"MD0000108001000", "GD0000108001"}) {
+    dialogue.give(answer(command, "10"));
+    const std::string remark = dialogue.client.remarks().back();
+    EXPECT_NE(remark.find(std::string(command, 2) + " was answered with status 10"),
+              std::string::npos)
+        << remark;
+  }
+  EXPECT_EQ(dialogue.client.remarks().size(), 3U);
+  EXPECT_EQ(dialogue.count("device_faults"), 0U);
+}
+
 TEST(ScipDialogue, SingleScansDoNotDisturbTheCountOfRevolutions) {
   ClientConfig config;
   config.asks = false;

@@ -57,10 +57,6 @@ constexpr std::array kOfAdjusting = {
     Meaning{"04", "it is not in this mode"},
 };
 
-bool measures(std::string_view command) {
-  return command.size() == 2 && std::string_view("GMHN").find(command[0]) != std::string_view::npos;
-}
-
 template <class Table>
 std::string_view find_in(const Table& table, std::string_view status) {
   for (const Meaning& row : table) {
@@ -106,6 +102,21 @@ std::optional<Head> head_of(const RawReply& reply) {
 bool is_of_scip1(const RawReply& reply) {
   return reply.lines.size() == kFirstLine && reply.lines[kStatusLine].size() == 1;
 }
+
+bool measures(std::string_view command) {
+  if (command.size() != 2) return false;
+  const bool several_echoes = command[0] == 'H' || command[0] == 'N';
+  const bool known = several_echoes || command[0] == 'G' || command[0] == 'M';
+  const std::string_view forms = several_echoes ? "DE" : "DSE";
+  return known && forms.find(command[1]) != std::string_view::npos;
+}
+
+bool is_refusal(const Head& head) {
+  const bool accepted = head.status == "00" || head.status == "98" || head.status == "99";
+  return measures(head.command) && !accepted && !is_fault(head) && !is_unstable(head);
+}
+
+bool is_unknown(const Head& head) { return head.status == "0E" || head.status == "0F"; }
 
 bool is_fault(const Head& head) {
   if (head.status == "0L") return true;

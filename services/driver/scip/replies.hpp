@@ -30,6 +30,13 @@ std::optional<Head> head_of(const RawReply& reply);
 /// Whether this is a reply in SCIP 1, whose status is one character without a checksum.
 bool is_of_scip1(const RawReply& reply);
 
+/// Whether a command measures: one scan (GD, GS, GE, HD, HE) or many (MD, MS, ME, ND, NE).
+bool measures(std::string_view command);
+/// Whether the device did not accept a measuring command, and why is no state of the device itself.
+bool is_refusal(const Head& head);
+/// Whether the device does not know a command.
+bool is_unknown(const Head& head);
+
 /// A sentence for an unexpected status of a command; for any of the table.
 std::string meaning(const Head& head);
 /// Whether a status reports a fault of the device itself (laser, motor or memory).

@@ -36,7 +36,7 @@ bool joined(const RawReply& reply, std::string& data) {
 }  // namespace
 
 std::optional<ScanRequest> scan_request(const Head& head) {
-  if (head.command.size() != 2) return std::nullopt;
+  if (!measures(head.command)) return std::nullopt;
   const char kind = head.command[0];
   const char form = head.command[1];
   ScanRequest request;
@@ -44,10 +44,8 @@ std::optional<ScanRequest> scan_request(const Head& head) {
   request.several_echoes = kind == 'H' || kind == 'N';
   request.intensities = form == 'E';
   request.range_characters = form == 'S' ? 2 : 3;
-  const bool known = std::string_view("GMHN").find(kind) != std::string_view::npos &&
-                     (form == 'D' || form == 'E' || (form == 'S' && !request.several_echoes));
   const std::string_view text = head.parameters;
-  if (!known || text.size() != (request.continuous ? kContinuous : kSingle)) return std::nullopt;
+  if (text.size() != (request.continuous ? kContinuous : kSingle)) return std::nullopt;
   const auto first = digits(text.substr(0, 4));
   const auto last = digits(text.substr(4, 4));
   const auto cluster = digits(text.substr(8, 2));
