@@ -12,7 +12,10 @@
 
 #include <cerrno>
 #include <charconv>
+#include <chrono>
 #include <cstring>
+#include <string_view>
+#include <thread>
 #include <utility>
 
 #include "driver/io/packet_source.hpp"
@@ -23,6 +26,14 @@ namespace {
 constexpr std::string_view kTcp = "tcp://";
 constexpr int kConnectMs = 2000;
 constexpr std::size_t kReadBytes = 1 << 16;
+// Bits per second of a serial line, which USB devices ignore. At the rate at which RS-232 scanners
+// start, a line takes longer than a revolution.
+constexpr speed_t kRate = B115200;
+constexpr speed_t kRateAtStart = B19200;
+// Stops a measurement, leaves SCIP 1, and sets kRate.
+constexpr std::string_view kChangeRate = "QT\nSCIP2.0\nSS115200\n";
+// Until the commands are sent and a scanner has answered them and changed its rate.
+constexpr std::chrono::milliseconds kChangesRate{300};
 
 struct HostPort {
   std::string host;
@@ -135,11 +146,19 @@ void make_plain(termios& settings) {
   settings.c_cflag |= static_cast<tcflag_t>(CS8 | CLOCAL | CREAD);
   settings.c_cc[VMIN] = 1;
   settings.c_cc[VTIME] = 0;
-  // USB devices ignore the rate.
-  cfsetspeed(&settings, B115200);
+  cfsetspeed(&settings, kRate);
 }
 
-std::unique_ptr<ScipLink> open_serial(const std::string& device) {
+/// Has no effect on a scanner at another rate, which receives noise. An error here is reported when
+/// the line is set to kRate.
+void change_rate(int fd, termios settings) {
+  cfsetspeed(&settings, kRateAtStart);
+  if (tcsetattr(fd, TCSANOW, &settings) != 0) return;
+  if (::write(fd, kChangeRate.data(), kChangeRate.size()) < 0) return;
+  std::this_thread::sleep_for(kChangesRate);
+}
+
+std::unique_ptr<ScipLink> open_serial(const std::string& device, bool was_silent) {
   Descriptor fd(open(device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
   if (fd.get() < 0) {
     const bool denied = errno == EACCES;
@@ -151,9 +170,12 @@ std::unique_ptr<ScipLink> open_serial(const std::string& device) {
     throw SourceError(device + ": is no serial device");
   }
   make_plain(settings);
+  if (was_silent) change_rate(fd.get(), settings);
   if (tcsetattr(fd.get(), TCSANOW, &settings) != 0) {
     throw SourceError(device + ": " + std::strerror(errno));
   }
+  // Answers at the other rate.
+  if (was_silent) tcflush(fd.get(), TCIFLUSH);
   return std::make_unique<Device>(std::move(fd), false);
 }
 
@@ -167,8 +189,8 @@ std::string device_error(const std::string& device) {
                                  : "is neither tcp://host:port nor a path such as /dev/ttyACM0";
 }
 
-std::unique_ptr<ScipLink> open_scip_device(const std::string& device) {
-  return device.starts_with(kTcp) ? open_tcp(device) : open_serial(device);
+std::unique_ptr<ScipLink> open_scip_device(const std::string& device, bool was_silent) {
+  return device.starts_with(kTcp) ? open_tcp(device) : open_serial(device, was_silent);
 }
 
 }  // namespace zloam::driver

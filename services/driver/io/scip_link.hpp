@@ -37,8 +37,10 @@ class ScipLink {
   virtual std::string why() const { return {}; }
 };
 
-/// "tcp://192.168.0.10:10940" or "/dev/ttyACM0". Throws SourceError when it can't be opened.
-std::unique_ptr<ScipLink> open_scip_device(const std::string& device);
+/// "tcp://192.168.0.10:10940" or "/dev/ttyACM0". was_silent: it did not answer when it was opened
+/// before; a serial scanner is then told to leave the rate at which RS-232 scanners start. Throws
+/// SourceError when it can't be opened.
+std::unique_ptr<ScipLink> open_scip_device(const std::string& device, bool was_silent = false);
 
 /// Replies as they were received: records of big-endian 32-bit seconds, microseconds and length,
 /// and the bytes. Throws SourceError.

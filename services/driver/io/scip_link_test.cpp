@@ -4,11 +4,19 @@
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <poll.h>
 #include <termios.h>
 #include <unistd.h>
 
+#include <array>
+#include <atomic>
+#include <chrono>
 #include <cstdlib>
 #include <string>
+#include <thread>
+
+#include "driver/io/scip_source.hpp"
+#include "driver/scip/test_device.hpp"
 
 namespace zloam::driver {
 namespace {
@@ -29,15 +37,15 @@ class Line {
   Line& operator=(const Line&) = delete;
 
   bool is_open() const { return earlier_ >= 0; }
+  /// The device's end.
+  int device() const { return device_; }
   const std::string& name() const { return name_; }
   termios settings() const {
     termios settings{};
     EXPECT_EQ(tcgetattr(earlier_, &settings), 0);
     return settings;
   }
-  void set(const termios& settings) const {
-    EXPECT_EQ(tcsetattr(earlier_, TCSANOW, &settings), 0);
-  }
+  void set(const termios& settings) const { EXPECT_EQ(tcsetattr(earlier_, TCSANOW, &settings), 0); }
 
  private:
   int device_;
@@ -72,6 +80,68 @@ TEST(ScipSerialLine, NothingOfAnEarlierProgramsSettingsIsLeft) {
   EXPECT_EQ(now.c_cc[VMIN], 1);
   EXPECT_EQ(now.c_cc[VTIME], 0);
   EXPECT_EQ(cfgetispeed(&now), static_cast<speed_t>(B115200));
+}
+
+/// A scanner at RS-232: it hears 19200 bit/s alone, until it is told to change to 115200.
+class Rs232Scanner {
+ public:
+  explicit Rs232Scanner(const Line& line) : line_(line), thread_([this] { run(); }) {}
+  ~Rs232Scanner() {
+    ends_ = true;
+    thread_.join();
+  }
+  Rs232Scanner(const Rs232Scanner&) = delete;
+  Rs232Scanner& operator=(const Rs232Scanner&) = delete;
+
+  bool measures() const { return measures_; }
+
+ private:
+  void run() {
+    while (!ends_) {
+      pollfd waiting{line_.device(), POLLIN, 0};
+      if (poll(&waiting, 1, 10) <= 0) continue;
+      std::array<char, 256> bytes{};
+      const ssize_t size = read(line_.device(), bytes.data(), bytes.size());
+      const termios settings = line_.settings();
+      if (size <= 0 || cfgetospeed(&settings) != rate_) continue;
+      hear({bytes.data(), static_cast<std::size_t>(size)});
+    }
+  }
+  void hear(const std::string& bytes) {
+    heard_ += bytes;
+    for (std::size_t end = 0; (end = heard_.find('\n')) != std::string::npos;) {
+      const std::string command = heard_.substr(0, end);
+      heard_.erase(0, end + 1);
+      const bool changes = command == "SS115200";
+      if (changes) rate_ = B115200;
+      const std::string reply =
+          changes ? scip::answer(command, "00") : device_.respond_one(command);
+      EXPECT_EQ(write(line_.device(), reply.data(), reply.size()),
+                static_cast<ssize_t>(reply.size()));
+    }
+    measures_ = device_.measuring;
+  }
+
+  const Line& line_;
+  scip::TestDevice device_;
+  speed_t rate_ = B19200;
+  std::string heard_;
+  std::atomic<bool> ends_{false}, measures_{false};
+  std::thread thread_;
+};
+
+TEST(ScipSerialLine, AScannerThatStartsAt19200IsChangedTo115200) {
+  const Line line;
+  if (!line.is_open()) GTEST_SKIP() << "no pseudo-terminals here";
+  const Rs232Scanner scanner(line);
+  const auto source = sweeps_of_scanner(line.name(), ScipSourceConfig{}, 10);
+  // Of a busy machine; it takes four seconds.
+  const auto ends = std::chrono::steady_clock::now() + std::chrono::seconds(90);
+  DecodedSweep sweep;
+  while (!scanner.measures() && std::chrono::steady_clock::now() < ends) source->pull(sweep);
+  EXPECT_TRUE(scanner.measures());
+  const termios now = line.settings();
+  EXPECT_EQ(cfgetospeed(&now), static_cast<speed_t>(B115200));
 }
 
 }  // namespace

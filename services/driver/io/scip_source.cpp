@@ -154,6 +154,7 @@ class LiveScanner : public ScannerSweeps {
     client_.look(even_ns());
     if (!client_.refusal().empty()) throw SourceError(device_ + ": " + client_.refusal());
     send();
+    has_measured_ = has_measured_ || client_.measuring();
     if (client_.take_reconnect()) lost(device_ + ": the scanner is silent");
     return take(sweep) ? Pull::kSweep : Pull::kNothing;
   }
@@ -219,12 +220,13 @@ class LiveScanner : public ScannerSweeps {
       return false;
     }
     try {
-      link_ = open_scip_device(device_);
+      link_ = open_scip_device(device_, !has_measured_);
     } catch (const SourceError& error) {
       lost(error.what());
       return false;
     }
     ++reconnects_;
+    has_measured_ = false;
     told_until_ns_ = steady_ns() + kToldNs;
     client_.connected(even_ns());
     return true;
@@ -234,6 +236,8 @@ class LiveScanner : public ScannerSweeps {
   int timeout_ms_;
   std::unique_ptr<ScipLink> link_;
   std::vector<std::uint8_t> bytes_;
+  /// since it was connected
+  bool has_measured_ = false;
   std::int64_t pause_ns_ = kFirstPauseNs;
   std::int64_t again_ns_ = 0;
   /// why the last connection was lost, and until when that is a trouble

@@ -80,7 +80,8 @@ void Client::look(std::int64_t now_ns) {
   // What was wrong with an answer has been said when it came.
   if (!is_answered_) {
     say("no answer to " + asked_ +
-        " from what is at driver.path: is it a Hokuyo scanner (SCIP 2)?");
+        " from what is at driver.path: is it a Hokuyo scanner (SCIP 2), and its serial line, if it "
+        "has one, at 115200 or 19200 bit/s?");
   }
   state_ = State::kIdle;
   reconnect_ = true;

@@ -71,7 +71,10 @@ def answer(fd: int, command: str, log: BinaryIO | None) -> list[bytes]:
             lines = reply.split(b"\n")
             if lines[0] == command.encode() and len(lines) > 1 and lines[1][:2] != b"99":
                 return lines
-    sys.exit(f"no answer to {command}: is it a Hokuyo scanner (SCIP 2)?")
+    sys.exit(
+        f"no answer to {command}: is it a Hokuyo scanner (SCIP 2), and its serial line, if it has "
+        "one, at 115200 bit/s?"
+    )
 
 
 def steps(fd: int, log: BinaryIO) -> str:
