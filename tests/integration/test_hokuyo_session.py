@@ -144,9 +144,7 @@ def test_an_interrupt_ends_the_recording(tmp_path: Path, source: Path) -> None:
     assert any(reply[0][:2] == b"ME" and len(reply) > 2 for reply in peer.replies(log))
 
 
-def test_an_interrupt_before_the_first_scan_leaves_no_session(
-    tmp_path: Path, source: Path
-) -> None:
+def test_an_interrupt_before_the_first_scan_leaves_no_session(tmp_path: Path, source: Path) -> None:
     device, log = TcpDevice(source, 1.0), tmp_path / "drive.logr"
     device.spoil = lambda number, data: b""
     device.begin()

@@ -70,8 +70,8 @@ void check_times(const Recording& recording, const std::string& session, const s
 /// From the first to the last line.
 double seconds_of(const Recording& recording) {
   if (recording.lines.empty()) return 0.0;
-  return 1e-9 * static_cast<double>(recording.lines.back().stamp_ns -
-                                    recording.lines.front().stamp_ns);
+  return 1e-9 *
+         static_cast<double>(recording.lines.back().stamp_ns - recording.lines.front().stamp_ns);
 }
 
 void say(const std::string& text) { std::cerr << "zloam-calibrate: " << text << "\n"; }

@@ -153,7 +153,8 @@ TEST(ScipDialogue, FaultsInASessionAreCountedAndReadOver) {
 }
 
 /// Lines of all steps, as of a session that was recorded without a window.
-std::vector<TimedScan> recorded_lines(const ClientConfig& config, std::vector<std::string>& remarks) {
+std::vector<TimedScan> recorded_lines(const ClientConfig& config,
+                                      std::vector<std::string>& remarks) {
   Dialogue dialogue(config);
   dialogue.device.measured = "ME0000108001000";
   dialogue.connect();

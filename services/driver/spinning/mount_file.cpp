@@ -133,8 +133,8 @@ MotorProfile checked(const ToldProfile& told) {
   const MotorProfile profile{told.from_s, told.speed_deg_s * kDegree, told.amplitude_deg * kDegree,
                              told.reversal_s};
   if (profile.turn_s() > kLongestTurn_s) {
-    object("motor.profile.speed_deg_s", "is so slow that a turn takes more than " +
-                                           std::to_string(kLongestTurn_s) + " s");
+    object("motor.profile.speed_deg_s",
+           "is so slow that a turn takes more than " + std::to_string(kLongestTurn_s) + " s");
   }
   return profile;
 }

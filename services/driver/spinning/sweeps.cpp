@@ -45,9 +45,9 @@ void SpinningSweeps::add(AngleReading reading) {
 SpinningSweeps::Length SpinningSweeps::length_of(const scip::ScanRequest& request,
                                                  std::int64_t turn_ns) const {
   const std::int64_t line_ns = turn_ns * (1 + request.skipped);
-  const std::int64_t lines = std::clamp<std::int64_t>(
-      std::llround(1e9 * config_.sweep_s / static_cast<double>(line_ns)), 1,
-      std::max<std::int64_t>(1, kMostPeriodNs / line_ns));
+  const std::int64_t lines =
+      std::clamp<std::int64_t>(std::llround(1e9 * config_.sweep_s / static_cast<double>(line_ns)),
+                               1, std::max<std::int64_t>(1, kMostPeriodNs / line_ns));
   return {lines, lines * (1 + request.skipped)};
 }
 
@@ -107,8 +107,8 @@ bool SpinningSweeps::angles_of(const Line& line) {
 }
 
 void SpinningSweeps::put(const Line& line) {
-  const bool same = line.sweep == sweep_number_ && line.length.turns == length_.turns &&
-                    line.single() == single_;
+  const bool same =
+      line.sweep == sweep_number_ && line.length.turns == length_.turns && line.single() == single_;
   if (open_ && !same) close();
   if (!open_) open(line);
   put_points(line);

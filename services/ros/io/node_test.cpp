@@ -86,8 +86,8 @@ class SlowNode : public testing::Test {
   int port_ = zenoh::test::free_port();
   Node node_{config(port_), "node"};
   std::unique_ptr<Publication> odom_ = node_.publish("/odom", kOdometryType, {}),
-                               points_ = node_.publish("/points", kCloudType,
-                                                       {.best_effort = true}, Size::kLarge),
+                               points_ = node_.publish("/points", kCloudType, {.best_effort = true},
+                                                       Size::kLarge),
                                map_ = node_.publish("/map", kCloudType, {}, Size::kLarge);
   SlowReader reader_{port_};
 };
