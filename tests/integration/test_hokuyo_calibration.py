@@ -134,6 +134,18 @@ def test_a_session_without_scans_is_named(build: Path, short: Session, tmp_path:
     assert f"{empty}: holds no usable scan" in said
 
 
+def test_a_window_without_a_recorded_step_is_named(
+    build: Path, short: Session, tmp_path: Path
+) -> None:
+    mount = tmp_path / "mount.yaml"
+    mount.write_text("scanner: {from_deg: 136, to_deg: 170}\n")
+    command = [str(build / "bin" / "zloam-calibrate"), str(short.log), "--mount", str(mount)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "no step of the recorded lines lies between scanner.from_deg" in done.stderr
+    assert "# 0 % of the points" in done.stdout
+
+
 @pytest.mark.parametrize(
     ("option", "value"),
     [("--seconds", "nan"), ("--seconds", "0"), ("--stamp-offset-us", "nan")],

@@ -376,7 +376,8 @@ MountCalibration calibrate(const Recording& recording, const spinning::Mount& st
   }
   out.planes = patches.size();
   for (const Patch& patch : patches) out.points += patch.size();
-  out.flat_share = static_cast<double>(out.points) / static_cast<double>(points.size());
+  out.flat_share = static_cast<double>(out.points) /
+                   static_cast<double>(std::max<std::size_t>(1, points.size()));
   out.after_m = thickness_m(points, patches, solved.x);
   const auto unknown = [&](std::size_t i) {
     const bool inside = std::abs(solved.x[i] - known[i]) < 0.99 * kFarthest[i];
