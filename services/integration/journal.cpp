@@ -97,7 +97,9 @@ std::string Journal::keep_unread() const {
 }
 
 std::string Journal::keep_unwritten() const {
-  return read().empty() ? std::string() : set_aside(".unwritten");
+  const std::vector<JournalPose> poses = read();
+  const bool can_be_repeated = !poses.empty() && poses.back().replay;
+  return poses.empty() || can_be_repeated ? std::string() : set_aside(".unwritten");
 }
 
 /// Its new name, which no file had; empty: it has the old one still.

@@ -38,8 +38,8 @@ class Journal {
   /// A journal of which nothing can be read, such as one of another version, gets another name,
   /// which is returned; empty: there is none.
   std::string keep_unread() const;
-  /// The same for a journal whose poses could not be written to the run's files, as on a full disk:
-  /// the next begin() would leave them nowhere.
+  /// The same for a live run's journal whose poses could not be written to the run's files, as on a
+  /// full disk: the next begin() would leave them nowhere. A replay can be repeated.
   std::string keep_unwritten() const;
   /// Starts a new journal that holds these poses.
   std::string begin(const std::vector<JournalPose>& poses);

@@ -142,12 +142,21 @@ TEST_F(JournalTest, OneWhosePosesCouldNotBeWrittenOutlivesTheNextRun) {
   EXPECT_EQ(journal.keep_unwritten(), "") << "there is none";
   for (const char* ending : {".unwritten", ".2.unwritten"}) {
     ASSERT_EQ(journal.begin({pose(0)}), "");
-    ASSERT_EQ(journal.append(pose(1)), "");
+    ASSERT_EQ(journal.append(pose(2)), "");
     EXPECT_EQ(journal.keep_unwritten(), path_ + ending);
     ASSERT_EQ(journal.begin({}), "");
     EXPECT_EQ(journal.keep_unwritten(), "") << "there is nothing in it";
     EXPECT_EQ(Journal(path_ + ending).read().size(), 2U);
   }
+}
+
+// Its poses would be dropped at the next start anyway, and each attempt would add another journal.
+TEST_F(JournalTest, OneOfAReplayIsNotKeptBecauseItCanBeRepeated) {
+  Journal journal(path_);
+  ASSERT_TRUE(pose(1).replay);
+  ASSERT_EQ(journal.begin({pose(1)}), "");
+  EXPECT_EQ(journal.keep_unwritten(), "");
+  EXPECT_EQ(journal.read().size(), 1U);
 }
 
 TEST_F(JournalTest, BeginningAnewForgetsAndRemovingLeavesNothing) {
