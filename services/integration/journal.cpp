@@ -132,6 +132,10 @@ std::string Journal::begin(const std::vector<JournalPose>& poses) {
   if (error.empty() && ::rename(fresh.c_str(), path_.c_str()) != 0) {
     error = path_ + ": " + std::strerror(errno);
   }
+  if (!error.empty()) {
+    close();
+    ::unlink(fresh.c_str());
+  }
   return error;
 }
 

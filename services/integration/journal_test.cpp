@@ -201,6 +201,18 @@ TEST_F(JournalTest, AFullDiskIsNamedAndWhatWasWrittenBeforeIsLeft) {
   EXPECT_EQ(journal.read().size(), 1U);
 }
 
+TEST_F(JournalTest, ANewOneThatFindsNoRoomLeavesTheOldOneAndNothingElse) {
+  Journal journal(path_);
+  ASSERT_EQ(journal.begin({pose(0)}), "");
+  {
+    const FileLimit limit(3 * std::filesystem::file_size(path_) / 2);
+    EXPECT_EQ(journal.begin({pose(1), pose(2)}), path_ + ": " + std::strerror(EFBIG));
+  }
+  ASSERT_EQ(journal.read().size(), 1U);
+  expect_equal(journal.read()[0], pose(0));
+  EXPECT_FALSE(std::filesystem::exists(path_ + ".new"));
+}
+
 TEST_F(JournalTest, WithoutAPathNothingIsKept) {
   Journal journal("");
   EXPECT_EQ(journal.begin({pose(0)}), "");
