@@ -143,6 +143,13 @@ std::vector<std::uint8_t> ReadFile::part(std::uint64_t offset, std::size_t size)
   return bytes;
 }
 
+bool may_have_room(const fs::space_info& space, std::uint64_t bytes) {
+  // A tmpfs without a limit, and many FUSE file systems, report zeros.
+  if (space.capacity == 0) return true;
+  // The reserve is for root only.
+  return (::geteuid() == 0 ? space.free : space.available) >= bytes;
+}
+
 void truncate_file(const fs::path& path, std::uint64_t size) {
   if (last_change()) die();
   if (::truncate(path.c_str(), static_cast<off_t>(size)) != 0) fail("can't cut", path);

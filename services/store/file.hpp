@@ -70,6 +70,9 @@ class FolderLock {
   int descriptor_ = -1;
 };
 
+/// False: a file system that reports its size has less room than these bytes.
+bool may_have_room(const std::filesystem::space_info& space, std::uint64_t bytes);
+
 void truncate_file(const std::filesystem::path& path, std::uint64_t size);
 /// Gives the file a second name (a hard link) on the same file system.
 void link_file(const std::filesystem::path& from, const std::filesystem::path& to);

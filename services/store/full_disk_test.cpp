@@ -61,5 +61,14 @@ TEST_F(FullDisk, ACompactionThatNeedsMoreRoomThanThereIsWritesNothing) {
   EXPECT_EQ(changes(), before);
 }
 
+// Otherwise a store on a tmpfs without a limit would never compact.
+TEST(Room, AFileSystemThatReportsNoSizeMayHaveRoom) {
+  EXPECT_TRUE(may_have_room({0, 0, 0}, 1000));
+  EXPECT_FALSE(may_have_room({5000, 0, 0}, 1000));
+  EXPECT_FALSE(may_have_room({5000, 999, 999}, 1000));
+  EXPECT_TRUE(may_have_room({5000, 1000, 1000}, 1000));
+  EXPECT_EQ(may_have_room({5000, 1000, 500}, 1000), ::geteuid() == 0) << "a reserve for root";
+}
+
 }  // namespace
 }  // namespace zloam::store

@@ -1,7 +1,5 @@
 #include "store/record_log.hpp"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -120,8 +118,7 @@ void write_whole(std::span<const std::uint8_t> bytes, const fs::path& path) {
 void need_room(const fs::path& folder, std::uint64_t bytes) {
   std::error_code unknown;
   const fs::space_info space = fs::space(folder, unknown);
-  // The reserve is for root only.
-  if (unknown || (::geteuid() == 0 ? space.free : space.available) >= bytes) return;
+  if (unknown || may_have_room(space, bytes)) return;
   throw std::system_error(std::make_error_code(std::errc::no_space_on_device),
                           "a compaction needs " + std::to_string((bytes >> 20) + 1) + " MiB in " +
                               folder.string());
