@@ -18,11 +18,13 @@ std::string target_of(const std::string& path) {
 }
 
 /// A device or a pipe is written as it is: as root, the rename would put a file in the place of
-/// /dev/null.
+/// /dev/null. So is a file that has no name, to which /dev/stdout may lead.
 std::string temporary_of(const std::string& path) {
   std::error_code error;
   const auto status = std::filesystem::status(path, error);
-  const bool is_special = std::filesystem::exists(status) && !is_regular_file(status);
+  // target_of() leaves a link only if its target has no name.
+  const bool has_name = !std::filesystem::is_symlink(path, error);
+  const bool is_special = std::filesystem::exists(status) && !(is_regular_file(status) && has_name);
   return is_special ? path : path + ".part";
 }
 

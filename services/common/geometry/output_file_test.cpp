@@ -96,5 +96,24 @@ TEST_F(OutputFileTest, ALinkStaysAndItsFileIsReplaced) {
   EXPECT_TRUE(fs::is_symlink(folder_ / "link"));
 }
 
+// As /dev/stdout of a program whose output goes to a temporary file: as root, /dev/stdout itself
+// would be replaced.
+TEST_F(OutputFileTest, ALinkToAFileWithoutANameStays) {
+  const int unnamed = ::open(path_.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0600);
+  ASSERT_GE(unnamed, 0);
+  fs::remove(path_);
+  const fs::path link = folder_ / "link";
+  fs::create_symlink("/proc/self/fd/" + std::to_string(unnamed), link);
+  OutputFile file(link.string());
+  file.write("through");
+  file.close();
+  char got[16]{};
+  EXPECT_EQ(::pread(unnamed, got, sizeof got, 0), 7);
+  EXPECT_STREQ(got, "through");
+  ::close(unnamed);
+  EXPECT_TRUE(fs::is_symlink(link));
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 1);
+}
+
 }  // namespace
 }  // namespace zloam
