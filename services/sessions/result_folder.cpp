@@ -9,7 +9,7 @@ namespace zloam::sessions {
 namespace fs = std::filesystem;
 
 ResultFolder::ResultFolder(fs::path folder)
-    : folder_(std::move(folder)), is_new_(!fs::exists(folder_)) {
+    : folder_(std::move(folder)), is_new_(!fs::exists(fs::symlink_status(folder_))) {
   if (is_new_ || (fs::is_directory(folder_) && fs::is_empty(folder_))) return;
   throw std::runtime_error(folder_.string() + ": exists already; name a new folder");
 }
@@ -21,8 +21,10 @@ ResultFolder::~ResultFolder() {
     fs::remove_all(folder_, ignored);
     return;
   }
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder_, ignored)) {
-    fs::remove(entry.path(), ignored);
+  // No exception may leave a destructor.
+  for (fs::directory_iterator at(folder_, ignored); at != fs::directory_iterator();
+       at.increment(ignored)) {
+    fs::remove(at->path(), ignored);
   }
 }
 

@@ -51,5 +51,13 @@ TEST_F(ResultFolderTest, FilesOfOthersStay) {
   EXPECT_TRUE(fs::exists(root_ / "map.pcd"));
 }
 
+// As one to a disk that is not mounted.
+TEST_F(ResultFolderTest, ALinkThatLeadsNowhereStays) {
+  const fs::path link = root_ / "link";
+  fs::create_symlink(root_ / "nowhere", link);
+  EXPECT_THROW(ResultFolder out(link), std::runtime_error);
+  EXPECT_TRUE(fs::is_symlink(link));
+}
+
 }  // namespace
 }  // namespace zloam::sessions
