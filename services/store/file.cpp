@@ -7,8 +7,11 @@
 
 #include <cerrno>
 #include <csignal>
+#include <string_view>
 #include <system_error>
 #include <utility>
+
+#include "common/geometry/write_all.hpp"
 
 namespace zloam::store {
 namespace {
@@ -27,13 +30,9 @@ bool last_change() { return ++changes_done == change_to_die_at; }
 
 void die() { ::raise(SIGKILL); }
 
-void write_all(int descriptor, std::span<const std::uint8_t> bytes, const fs::path& path) {
-  while (!bytes.empty()) {
-    const ssize_t n = ::write(descriptor, bytes.data(), bytes.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) fail("can't write", path);
-    bytes = bytes.subspan(static_cast<std::size_t>(n));
-  }
+void write_or_fail(int descriptor, std::span<const std::uint8_t> bytes, const fs::path& path) {
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  if (!write_all(descriptor, text)) fail("can't write", path);
 }
 
 }  // namespace
@@ -72,11 +71,11 @@ AppendFile& AppendFile::operator=(AppendFile&& other) noexcept {
 
 void AppendFile::append(std::span<const std::uint8_t> bytes) {
   if (last_change()) {
-    write_all(descriptor_, bytes.first(bytes.size() / 2), path_);
+    write_or_fail(descriptor_, bytes.first(bytes.size() / 2), path_);
     die();
   }
   try {
-    write_all(descriptor_, bytes, path_);
+    write_or_fail(descriptor_, bytes, path_);
   } catch (const std::system_error&) {
     // On a full disk, cut off the half-written record: records after it could not be read.
     if (::ftruncate(descriptor_, static_cast<off_t>(size_)) != 0) close();
