@@ -7,6 +7,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <sstream>
 
 #include "common/geometry/atomic_file.hpp"
 
@@ -54,8 +55,10 @@ std::string OutputFiles::name_of(const std::string& path) const {
 
 OutputFiles::Entries OutputFiles::read() const {
   Entries entries = unlisted_;
-  std::ifstream file(fs::path(folder_) / list_);
-  const Json list = Json::parse(file, nullptr, false);
+  // Read as a whole first: the parser passes the exception of a disk error on.
+  std::ostringstream text;
+  text << std::ifstream(fs::path(folder_) / list_).rdbuf();
+  const Json list = Json::parse(text.str(), nullptr, false);
   if (!list.is_object()) return entries;
   for (const auto& [name, e] : list.items()) {
     if (unlisted_.contains(name)) continue;
@@ -115,8 +118,9 @@ std::string OutputFiles::made(const std::string& path, const Run& run) {
                   {"bytes", e.bytes},
                   {"changed_ns", e.changed_ns}};
   }
-  std::string error =
-      write_file_atomically((fs::path(folder_) / list_).string(), list.dump(1) + "\n");
+  // The file is written already, so a name that is not UTF-8 may not throw either.
+  const std::string text = list.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
+  std::string error = write_file_atomically((fs::path(folder_) / list_).string(), text);
   if (error.empty()) unlisted_.clear();
   return error;
 }

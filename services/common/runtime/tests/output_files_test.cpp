@@ -112,6 +112,21 @@ TEST_F(OutputFolder, AFileOfWhichTheListCannotBeWrittenIsReplacedByTheNextAttemp
   EXPECT_EQ(OutputFiles(folder.string(), kList).suffix({1, false, 120}, {"map.pcd"}), "");
 }
 
+// A folder in its place fails as a disk error does.
+TEST_F(OutputFolder, AListThatCannotBeReadOrNamesNoTextLosesNoFile) {
+  fs::create_directories(folder / kList);
+  put("map.pcd", "another's");
+  OutputFiles files(folder.string(), kList);
+  const std::string path = files.path("map.pcd", files.suffix({1, false, 120}, {"map.pcd"}));
+  EXPECT_EQ(path, (folder / "map_2.pcd").string());
+  EXPECT_EQ(write_file_atomically(path, "mine"), "");
+  EXPECT_THAT(files.made(path, {1, false, 120}), HasSubstr(kList));
+  EXPECT_EQ(files.suffix({1, false, 130}, {"map.pcd"}), "_2");
+  fs::remove(folder / kList);
+  put("stra\xdf" "e.pcd", "mine");
+  EXPECT_EQ(files.made((folder / "stra\xdf" "e.pcd").string(), {1, false, 120}), "");
+}
+
 TEST_F(OutputFolder, CommandsWriteBelowTheFolderOnly) {
   const fs::path out = folder / "out";
   fs::create_directories(out / "deep");
