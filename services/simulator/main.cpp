@@ -10,6 +10,7 @@
 #include <future>
 #include <iostream>
 #include <memory>
+#include <stdexcept>
 #include <vector>
 
 #include "simulator/capture.hpp"
@@ -29,6 +30,7 @@ namespace {
 
 constexpr int kFailure = 1;
 constexpr int kUsageError = 2;
+constexpr int kIoError = 3;
 constexpr std::int64_t kChunkPackets = 768;  // a second
 constexpr double kTruthHz = 200.0;
 
@@ -302,6 +304,9 @@ int main(int argc, char** argv) {
   } catch (const std::invalid_argument& error) {
     std::cerr << "zloam-simulator: " << error.what() << "\n";
     return kUsageError;
+  } catch (const std::runtime_error& error) {
+    std::cerr << "zloam-simulator: " << error.what() << "\n";
+    return kIoError;
   } catch (const std::exception& error) {
     std::cerr << "zloam-simulator: " << error.what() << "\n";
     return kFailure;

@@ -100,6 +100,7 @@ def test_missing_capture(build: Path, tmp_path: Path) -> None:
         ("--session FILE", "--hokuyo"),
         ("--truth FILE --lose 0.05 --fault-log FILE.csv", "--fault-log"),
         ("--udp :2370", "--udp"),
+        ("--udp nowhere:2370 --duration 0.1", "nowhere"),
         ("--out FILE --duration inf", "--duration"),
         ("--out FILE --duration 1e300", "--duration"),
     ],
@@ -110,6 +111,15 @@ def test_the_simulator_refuses_what_would_have_no_effect(
     done = stage(build, "simulator", *words.replace("FILE", str(tmp_path / "made")).split())
     assert done.returncode == REFUSED_CONFIG, done.stdout + done.stderr
     assert named in done.stderr + done.stdout
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_simulated_file_that_can_not_be_written(build: Path, tmp_path: Path) -> None:
+    missing = tmp_path / "missing" / "truth.tum"
+    for path in (missing, Path("/dev/full")):
+        done = stage(build, "simulator", "--quiet", "--duration", 0.1, "--truth", path)
+        assert done.returncode == REFUSED_FILE, done.stderr
+        assert str(path) in done.stderr
     assert not list(tmp_path.iterdir())
 
 

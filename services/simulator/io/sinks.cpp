@@ -56,7 +56,7 @@ class UdpSink : public Sink {
     for (sockaddr_in* target : {&data_, &position_}) {
       target->sin_family = AF_INET;
       if (inet_pton(AF_INET, address.c_str(), &target->sin_addr) != 1) {
-        throw std::runtime_error("'" + address + "' is not an IPv4 address");
+        throw std::invalid_argument("'" + address + "' is not an IPv4 address");
       }
     }
     data_.sin_port = htons(port);

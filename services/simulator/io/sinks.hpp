@@ -11,7 +11,8 @@
 
 namespace zloam::simulator {
 
-/// Its functions throw std::runtime_error if something cannot be written.
+/// Its functions throw std::runtime_error if something can't be written, and std::invalid_argument
+/// for a wrong address.
 class Sink {
  public:
   virtual ~Sink() = default;
