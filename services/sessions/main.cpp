@@ -99,7 +99,8 @@ int verdict(const Merged& found) {
     if (map.damaged) {
       std::cerr << "zloam-sessions: " << map.folder.string() << " is damaged: " << map.unread_bytes
                 << " bytes and " << map.unread_files
-                << " files of it can't be read; what they held is missing"
+                << " files of it can't be read (records of an unknown format: "
+                << map.unread_records << "); what they held is missing"
                 << (map.missing.empty() ? "" : " (not there: " + map.missing + ")") << "\n";
       code = kIncomplete;
     }

@@ -60,6 +60,7 @@ json session_json(const Merged& merged, std::size_t session) {
               {"to_ns", map.submaps.back().instant_ns},
               {"unread_bytes", map.unread_bytes},
               {"unread_files", map.unread_files},
+              {"unread_records", map.unread_records},
               {"damaged", map.damaged},
               {"joined", merged.is_joined(session)}};
   for (const graph::Node& node : merged.graph.nodes()) {

@@ -34,7 +34,8 @@ SavedMap read_saved_map(const fs::path& folder) {
   out.unread_bytes = store.recovery().cut_bytes;
   out.unread_files = store.recovery().ignored_segments + store.recovery().missing_files;
   out.missing = store.recovery().missing;
-  out.damaged = store.recovery().damaged;
+  out.unread_records = store.unreadable();
+  out.damaged = store.recovery().damaged || out.unread_records > 0;
   std::int64_t begun_ns = 0;
   for (const std::string& key : store.keys()) {
     if (!Keys::is_kept_submap(key)) continue;

@@ -27,6 +27,8 @@ struct SavedMap {
   /// what of the folder's files can't be read or is not there, and later files that are useless
   /// without it: what they held is missing
   std::uint64_t unread_bytes = 0, unread_files = 0;
+  /// whole records of an unknown format, as of a later version
+  std::uint64_t unread_records = 0;
   /// names of files that are not there although later ones are
   std::string missing;
   /// More is missing than what a run was writing when it was killed, or is writing now.

@@ -115,7 +115,7 @@ void StoreStage::say_stranger() const {
 
 void StoreStage::say_damage() const {
   const Recovery& r = store_.recovery();
-  if (!r.damaged) return stage_.degraded("damaged", "");
+  if (!r.damaged && store_.unreadable() == 0) return stage_.degraded("damaged", "");
   std::string text;
   const auto add = [&text](const std::string& part) { text += (text.empty() ? "" : ", ") + part; };
   if (r.cut_bytes > 0) add(std::to_string(r.cut_bytes) + " bytes can't be read");
@@ -123,6 +123,9 @@ void StoreStage::say_damage() const {
     add(std::to_string(r.ignored_segments) + " files (*.ignored) are not used");
   }
   if (r.missing_files > 0) add(r.missing + " is missing");
+  if (const std::uint64_t count = store_.unreadable(); count > 0) {
+    add("records of an unknown format: " + std::to_string(count));
+  }
   const bool has_ignored = r.ignored_segments + r.cut_bytes > 0;
   stage_.degraded("damaged", config_.path + " is damaged: " + text +
                                  "; restore it from a copy or map again" +

@@ -317,6 +317,21 @@ TEST_F(Store, AFolderThatLacksAFileIsWholeAgainWithANewMap) {
   EXPECT_THAT(store.keys(), ElementsAre(next.key));
 }
 
+TEST_F(Store, ARecordOfALaterVersionIsCountedUntilAnotherMapReplacesIt) {
+  {
+    std::vector<std::uint8_t> body = pack(message("a", 1));
+    body.front() = 0xFF;
+    RecordLog(root_, {}, [](std::span<const std::uint8_t>, const Place&) {}).append(body);
+  }
+  TileStore store(root_, {});
+  EXPECT_EQ(store.unreadable(), 1U);
+  EXPECT_TRUE(store.keys().empty());
+  store.put(message("b", 1));
+  store.compact();
+  EXPECT_EQ(store.unreadable(), 0U);
+  EXPECT_EQ(TileStore(root_, {}, Access::kRead).unreadable(), 0U);
+}
+
 TEST_F(Store, TheNumberOfAFileThatWasSetAsideIsUsedAgain) {
   StoreLimits small;
   small.log.segment_bytes = 100;

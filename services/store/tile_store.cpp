@@ -148,7 +148,9 @@ void TileStore::compact() {
       });
   entries_ = std::move(moved);
   log_.remove_compacted();
-  if (lacks_only_older_) log_.forget_missing();
+  if (!lacks_only_older_) return;
+  log_.forget_missing();
+  unreadable_ = 0;
 }
 
 }  // namespace zloam::store

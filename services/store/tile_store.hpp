@@ -69,7 +69,7 @@ class TileStore {
   std::uint64_t log_bytes() const { return log_.bytes(); }
   std::uint64_t newest_map() const { return newest_map_; }
   const Recovery& recovery() const { return log_.recovery(); }
-  /// records that were complete but no message
+  /// whole records of an unknown format, as of a later version; a compaction drops them
   std::uint64_t unreadable() const { return unreadable_; }
 
  private:

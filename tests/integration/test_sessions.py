@@ -18,6 +18,7 @@ import pytest
 from graphslam.load import load_g2o
 
 from tests.integration.conftest import Capture, Done, monitor, simulate
+from tests.integration.store_records import append_unknown
 from zloam_monitor import clouds, se3, trajectory
 
 CITY = ("--world", "city", "--seed", "5")
@@ -149,6 +150,19 @@ def test_a_damaged_map_is_told_and_what_is_left_of_it_is_used(
     assert merged.code == 1, merged.said
     told = f"{left['unread_bytes']} bytes and {left['unread_files']} files"
     assert f"{damaged} is damaged: {told}" in merged.said
+
+
+def test_a_record_of_a_later_version_is_told(
+    build: Path, folders: Sequence[Path], tmp_path: Path
+) -> None:
+    copy = tmp_path / "map"
+    shutil.copytree(folders[0], copy)
+    append_unknown(copy)
+    code, left = map_info(build, copy)
+    assert code == 1
+    assert (left["unread_bytes"], left["unread_records"], left["damaged"]) == (0, 1, True)
+    done = map_command(build, "info", copy)
+    assert "records of an unknown format: 1" in done.said
 
 
 def test_a_file_that_is_missing_is_named(

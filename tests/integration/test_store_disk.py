@@ -16,6 +16,7 @@ import zenoh
 
 from tests.integration.conftest import PATIENCE_S, Capture, simulate
 from tests.integration.live_run import SECONDS, SPARE_S, LiveRun
+from tests.integration.store_records import append_unknown
 from zloam_monitor import compose, messages
 from zloam_monitor.chain import binary
 from zloam_monitor.keys import Keys
@@ -233,23 +234,38 @@ def test_a_map_that_cant_be_read_is_replaced_by_the_next_one(build: Path, tmp_pa
     assert not [p for p in tiles.iterdir() if p.is_dir()]
 
 
-def test_the_map_of_another_robot_is_named(build: Path, tmp_path: Path) -> None:
-    tiles = tmp_path / "tiles"
-    monday = map_in(build, tiles)
+def reason_for(build: Path, tiles: Path, awaited: str, robot: str = "robot") -> str:
+    """Reason in the status of a store in this folder, once it contains the text."""
     port = free_port()
     asks = open_session([], f"tcp/127.0.0.1:{port}")
     reason = ""
     try:
-        with store_on(build, tiles, port, robot="other"):
+        with store_on(build, tiles, port, robot=robot):
             deadline = time.monotonic() + PATIENCE_S
-            while "map of robot robot" not in reason and time.monotonic() < deadline:
-                replies = asks.get(Keys("other").below("service/store/*/status"), timeout=5.0)
+            while awaited not in reason and time.monotonic() < deadline:
+                replies = asks.get(Keys(robot).below("service/store/*/status"), timeout=5.0)
                 payloads = [r.ok.payload.to_bytes() for r in replies if r.ok is not None]
                 statuses = [messages.decode("Status", each) for each in payloads]
                 reason = " ".join(messages.text(each.Reason()) for each in statuses)
     finally:
         asks.close()
+    return reason
+
+
+def test_the_map_of_another_robot_is_named(build: Path, tmp_path: Path) -> None:
+    tiles = tmp_path / "tiles"
+    monday = map_in(build, tiles)
+    reason = reason_for(build, tiles, "map of robot robot", robot="other")
     assert f"{tiles} holds the map of robot robot, and this is other" in reason
+    assert kept_in(build, tiles) == {monday}
+
+
+def test_records_of_a_later_version_are_told(build: Path, tmp_path: Path) -> None:
+    tiles = tmp_path / "tiles"
+    monday = map_in(build, tiles)
+    append_unknown(tiles)
+    reason = reason_for(build, tiles, "unknown format")
+    assert f"{tiles} is damaged: records of an unknown format: 1" in reason
     assert kept_in(build, tiles) == {monday}
 
 

@@ -70,7 +70,7 @@ def lines(merged: Merged) -> list[str]:
         if session["damaged"]:
             said.append(
                 f"  damaged: {session['unread_bytes']} bytes and {session['unread_files']} files "
-                "of it can't be read"
+                f"of it can't be read; records of an unknown format: {session['unread_records']}"
             )
         if not session["joined"]:
             said.append("  not joined: it shares too little with the others")
