@@ -7,8 +7,8 @@
 
 namespace zloam {
 
-/// A file that appears under its name only when it is complete; one that was there before stays until
-/// then. Devices and pipes are written directly. Throws std::runtime_error with the name.
+/// A file that appears under its name only when it is complete; one that was there before stays
+/// until then. Devices and pipes are written directly. Throws std::runtime_error with the name.
 class OutputFile {
  public:
   explicit OutputFile(const std::string& path);
