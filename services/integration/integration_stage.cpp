@@ -116,8 +116,8 @@ void IntegrationStage::keep_unwritten(const std::string& error) {
   const std::string kept = journal_.keep_unwritten();
   stage_.lost_output(kept.empty() ? error
                                   : error + "; its poses are kept in " + kept +
-                                        ": make room, rename it to trajectory.journal, and the "
-                                        "next start writes them");
+                                        ": make room, stop integration and rename it to "
+                                        "trajectory.journal; the next start writes them");
 }
 
 void IntegrationStage::begin_journal() {
