@@ -8,6 +8,8 @@ namespace {
 
 // If the clock was set back by more than this, the readings start again.
 constexpr std::int64_t kRestart_ns = 1'000'000'000;
+// Receivers refuse a whole sweep because of one reading beyond this (common/messages/ranges.cpp).
+constexpr double kMostOfReading = 1e6;
 // The verdict on the units is final after this time, or after more readings than a sensor gives in
 // it.
 constexpr std::int64_t kJudge_ns = 1'000'000'000;
@@ -23,11 +25,14 @@ std::string with_value(const char* format, double value) {
   return text;
 }
 
+/// False for NaN too.
+bool is_plausible(const Eigen::Vector3d& v) { return (v.array().abs() <= kMostOfReading).all(); }
+
 }  // namespace
 
 bool ImuBuffer::add(const ImuReading& reading) {
   ++received_;
-  if (!reading.force_mps2.allFinite() || !reading.rate_radps.allFinite()) {
+  if (!is_plausible(reading.force_mps2) || !is_plausible(reading.rate_radps)) {
     ++invalid_;
     return false;
   }

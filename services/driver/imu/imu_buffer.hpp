@@ -19,8 +19,9 @@ class ImuBuffer {
   explicit ImuBuffer(std::int64_t delay_ns, std::size_t most = kEndless)
       : delay_ns_(delay_ns), most_(most) {}
 
-  /// Takes readings in ascending order of their stamps. One out of order or not finite is dropped
-  /// and counted; after a jump back by a second all earlier readings are dropped. False: dropped.
+  /// Takes readings in ascending order of their stamps. One out of order, not finite or beyond
+  /// 1e6 is dropped and counted; after a jump back by a second all earlier readings are dropped.
+  /// False: dropped.
   bool add(const ImuReading& reading);
   /// Readings from begin to end with the margin on either side; drops the earlier ones.
   std::vector<ImuReading> covering(std::int64_t begin_ns, std::int64_t end_ns);

@@ -68,6 +68,19 @@ TEST(ImuBuffer, LeavesOutWhatIsOutOfOrderOrNotFinite) {
   EXPECT_EQ(buffer.received(), 6U);
 }
 
+// Damaged bytes make any number. Registration refuses the whole sweep because of one such reading.
+TEST(ImuBuffer, LeavesOutWhatASweepMayNotContain) {
+  ImuBuffer buffer(0);
+  buffer.add(at(10));
+  EXPECT_FALSE(buffer.add(at(20, {0.0, 0.0, 1e30})));
+  ImuReading spinning = at(30);
+  spinning.rate_radps.x() = -2e6;
+  EXPECT_FALSE(buffer.add(spinning));
+  EXPECT_TRUE(buffer.add(at(40, {0.0, 1e6, 0.0})));
+  EXPECT_EQ(stamps_ms(buffer.covering(0, 40'000'000)), (Stamps{10, 40}));
+  EXPECT_EQ(buffer.invalid(), 2U);
+}
+
 TEST(ImuBuffer, BeginsAnewWhenItsClockIsSetBack) {
   ImuBuffer buffer(0);
   buffer.add(at(5000));

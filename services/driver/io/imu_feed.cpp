@@ -49,6 +49,7 @@ ImuFeed::ImuFeed(runtime::Stage& stage, const DriverConfig& config)
       stage_.degraded("imu file", config_.imu_path + ": " + text);
     }
     for (const ImuReading& r : readings) buffer_.add(r);
+    if (buffer_.empty()) throw SourceError(config_.imu_path + ": has no reading below 1e6");
   } else if (config_.imu == ImuChoice::kZenoh) {
     runtime::InletOptions options;
     options.order = runtime::Order::kAsTheyCome;
