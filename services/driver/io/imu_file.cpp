@@ -14,6 +14,8 @@ const std::vector<std::string_view> kColumns = {"t_ns",    "wx_rad_s", "wy_rad_s
 // Bounds of an inertial sensor's rate; outside of them the stamps are in another unit.
 constexpr double kMostReadings_hz = 20'000.0;
 constexpr double kFewestReadings_hz = 0.5;
+// Smaller steps back are readings out of order; the buffer drops all readings before a larger one.
+constexpr std::int64_t kSetBack_ns = 1'000'000'000;
 
 /// The median step reveals a wrong unit of the stamps, and a file in descending order.
 void refuse_wrong_stamps(const std::string& path, const std::vector<ImuReading>& readings) {
@@ -37,6 +39,20 @@ void refuse_wrong_stamps(const std::string& path, const std::vector<ImuReading>&
                     " apart: t_ns is in nanoseconds" + unit);
 }
 
+/// Before and after a clock was set, or in two recordings one after the other, stamps are of
+/// different clocks: only one part can fit the sweeps.
+void refuse_set_back(const std::string& path, const std::vector<ImuReading>& readings) {
+  std::int64_t latest_ns = readings.front().stamp_ns;
+  for (const ImuReading& r : readings) {
+    if (r.stamp_ns <= latest_ns - kSetBack_ns) {
+      throw SourceError(path + ": its stamps go back from " + std::to_string(latest_ns) + " to " +
+                        std::to_string(r.stamp_ns) +
+                        " ns: sort the lines by t_ns, or leave out those of another clock");
+    }
+    latest_ns = std::max(latest_ns, r.stamp_ns);
+  }
+}
+
 }  // namespace
 
 std::vector<ImuReading> read_imu_file(const std::string& path) {
@@ -49,6 +65,7 @@ std::vector<ImuReading> read_imu_file(const std::string& path) {
   }
   if (readings.empty()) throw SourceError(path + ": holds no reading");
   refuse_wrong_stamps(path, readings);
+  refuse_set_back(path, readings);
   return readings;
 }
 

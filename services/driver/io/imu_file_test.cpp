@@ -97,6 +97,21 @@ TEST_F(ImuFile, NamesTheUnitAndTheOrderOfStamps) {
   EXPECT_EQ(refusal("\xFF\xFEt"), path_ + ": is UTF-16; UTF-8 is expected");
 }
 
+TEST_F(ImuFile, RefusesStampsThatGoBackByASecond) {
+  const auto rows = [](std::int64_t set_back_ns) {
+    std::string text = std::string(kNames) + "\n";
+    for (int i = 0; i < 20; ++i) {
+      const std::int64_t stamp_ns = 5'000'000'000 + 5'000'000LL * i - (i < 10 ? 0 : set_back_ns);
+      text += std::to_string(stamp_ns) + ",0,0,0,0,0,9.8\n";
+    }
+    return text;
+  };
+  EXPECT_EQ(refusal(rows(2'000'000'000)),
+            path_ + ": its stamps go back from 5045000000 to 3050000000 ns: sort the lines by "
+                    "t_ns, or leave out those of another clock");
+  EXPECT_EQ(read(rows(500'000'000)).size(), 20U);
+}
+
 TEST_F(ImuFile, SaysWhenTheSensorHung) {
   std::string text = std::string(kNames) + "\n";
   for (int i = 0; i < 200; ++i) {
