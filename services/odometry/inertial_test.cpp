@@ -225,6 +225,29 @@ TEST(OdometryWithImu, ReadingsThatStopAndComeBackAreUsedAgain) {
   EXPECT_LT((truth.inverse() * last.T_odom_base).translation().norm(), 0.02);
 }
 
+// A USB adapter stamps what it received together; a slow sensor has two readings for a sweep.
+TEST(OdometryWithImu, ReadingsThatDoNotCoverTheSweepsAreReported) {
+  const TestSensor sensor{.noise_m = 0.02};
+  const auto covers = [&](double rate_hz, std::int64_t burst_ns) {
+    TestImu imu = mems();
+    imu.rate_hz = rate_hz;
+    Odometry odometry({}, Pose::Identity());
+    OdometryResult last;
+    for (int k = 0; k < 3; ++k) {
+      SweepData data = sweep_data({}, sensor, swings_after_a_second, imu, k);
+      for (ImuReading& r : data.readings) {
+        const std::int64_t into_ns = (r.stamp_ns - kStart_ns) % burst_ns;
+        r.stamp_ns += into_ns / 50 - into_ns;
+      }
+      last = odometry.process(data.features(k, sensor));
+    }
+    return last.diagnostics.imu_covers;
+  };
+  EXPECT_TRUE(covers(200.0, 1));
+  EXPECT_FALSE(covers(200.0, 40'000'000));
+  EXPECT_FALSE(covers(10.0, 1));
+}
+
 // Sweeps without points: the IMU gives the motion.
 TEST(OdometryWithImu, BridgesEmptySweeps) {
   const auto end_error_m = [](bool with_imu) {

@@ -319,6 +319,7 @@ OdometryDiagnostics KnotOdometry::diagnostics(const KnotSolution& solution,
   found.prediction_error_rad = log_so3(error.linear()).norm();
   found.imu_used = window_.slices().back().inertia.has_value();
   found.imu_contradictions = imu_contradictions_;
+  found.imu_covers = found.imu_used;
   return found;
 }
 

@@ -379,7 +379,8 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
                         error.translation().norm(),
                         log_so3(error.linear()).norm(),
                         s.inertial.foreseen(),
-                        result.inertia ? result.inertia->contradictions : 0};
+                        result.inertia ? result.inertia->contradictions : 0,
+                        s.inertial.felt() || sweep.deskewed};
   result.health = s.judge(sweep, solution, founding, result.degeneracy.degenerate);
   if (founding && result.health != Health::kEmpty) result.degeneracy = {};
   return result;

@@ -54,6 +54,8 @@ struct OdometryDiagnostics {
   /// ones.
   bool imu_used = false;
   std::uint32_t imu_contradictions = 0;
+  /// whether its readings cover the sweep (a deskewed one needs none)
+  bool imu_covers = false;
 };
 
 struct OdometryResult {

@@ -24,6 +24,14 @@ constexpr std::uint32_t kSuspicious = 3;
 // a live run too.
 constexpr double kLate_s = 0.01;
 
+// Successive sweeps without an IMU after which it is reported, as in the driver.
+constexpr std::uint32_t kUncovered = 10;
+
+const std::string kNotCovering =
+    "IMU readings come, but do not cover the sweeps and are not used: at least three for each "
+    "sweep are needed, and no gap longer than three of their periods. Check the sensor's rate "
+    "and its stamps: do several readings have almost the same one?";
+
 const std::string kInconsistent =
     "IMU inconsistent with the lidar motion; ignoring it. Check mounting.imu_rpy_deg, units and "
     "driver.imu_delay_ms";
@@ -220,18 +228,23 @@ void OdometryStage::note_figures(const OdometryResult& result) {
 
 void OdometryStage::note_imu(const OdometryResult& result) {
   stage_.figure("imu_used", result.diagnostics.imu_used ? 1.0 : 0.0);
-  if (!result.inertia) {
-    // Slices have no filter state, and an IMU that they ignore once is ignored for good.
-    if (result.diagnostics.imu_contradictions > 1) stage_.degraded("imu", kInconsistent);
-    return;
-  }
+  uncovered_in_row_ = result.diagnostics.imu_covers ? 0 : uncovered_in_row_ + 1;
+  stage_.degraded("imu", doubts_about_imu(result));
+  if (!result.inertia) return;
   const InertialState& known = *result.inertia;
   const ImuErrors errors = known.errors();
   stage_.figure("imu_force_bias_mps2", errors.force_mps2.norm());
   stage_.figure("imu_rate_bias_radps", errors.rate_radps.norm());
   stage_.figure("imu_delay_ms", 1e3 * errors.delay_s);
   stage_.figure("imu_contradictions", known.contradictions);
-  stage_.degraded("imu", doubts_about(known));
+}
+
+std::string OdometryStage::doubts_about_imu(const OdometryResult& result) const {
+  // Slices have no filter state, and an IMU that they ignore once is ignored for good.
+  const bool ignored = !result.inertia && result.diagnostics.imu_contradictions > 1;
+  if (ignored) return kInconsistent;
+  if (config_.use_imu && uncovered_in_row_ >= kUncovered) return kNotCovering;
+  return result.inertia ? doubts_about(*result.inertia) : std::string();
 }
 
 void OdometryStage::answer_path(runtime::Answer& answer) const {

@@ -2,6 +2,7 @@
 // Odometry on the runtime: keys, answers and commands around the method (odometry.hpp).
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "common/runtime/stage.hpp"
@@ -28,6 +29,8 @@ class OdometryStage {
   void publish_progress(HeaderFields header);
   void note_figures(const OdometryResult& result);
   void note_imu(const OdometryResult& result);
+  /// What keeps the IMU from being used, or makes its readings doubtful; empty: nothing.
+  std::string doubts_about_imu(const OdometryResult& result) const;
   void answer_path(runtime::Answer& answer) const;
   void new_run(const msg::Header& first);
   /// Restores what an earlier instance left in the middle of a run; restart_stage.cpp.
@@ -64,6 +67,8 @@ class OdometryStage {
   Odometry odometry_;
   Pose T_base_lidar_;
   std::vector<ImuReading> readings_;
+  /// successive sweeps with readings that do not cover them
+  std::uint32_t uncovered_in_row_ = 0;
   runtime::Outlet& pose_;
   runtime::Outlet& features_;
   runtime::Outlet& sweep_;
