@@ -33,6 +33,7 @@ constexpr double kRestChange_mps2 = 0.03;
 }  // namespace
 
 void InertialAid::feel(ImuSpan readings, std::int64_t stamp_ns, std::uint32_t period_ns) {
+  period_s_ = 1e-9 * period_ns;
   felt_.reset();
   foreseen_.reset();
   wrong_ = false;
@@ -97,7 +98,7 @@ bool InertialAid::rests(const MotionState& solved, const Matrix12& covariance,
 }
 
 InertialState InertialAid::past_the_sweep(const OdometryConfig& config) const {
-  InertialState past = carried_past(*state_, felt_, felt_ ? felt_->period_s : 0.0, config);
+  InertialState past = carried_past(*state_, felt_, period_s_, config);
   past.resting = rests_;
   if (wrong_) {
     past.right = 0;

@@ -67,6 +67,8 @@ class InertialAid {
 
   Pose T_base_imu_;
   std::optional<InertialState> state_;
+  /// of the sweep, also without readings
+  double period_s_ = 0.0;
   std::optional<SweepInertia> felt_;
   std::optional<InertialPrediction> foreseen_;
   Pose T_odom_begin_ = Pose::Identity();

@@ -2,10 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstring>
 #include <numbers>
 
-#include "odometry/inertial_filter.hpp"
+#include "odometry/inertial_aid.hpp"
 #include "odometry/test_inertia.hpp"
 
 namespace zloam::odometry {
@@ -297,6 +298,21 @@ TEST(OdometryWithImu, ARestoredOneContinuesToTheByte) {
     ASSERT_TRUE(again.inertia && first.inertia);
     EXPECT_EQ(packed(*again.inertia), packed(*first.inertia)) << k;
   }
+}
+
+TEST(InertialAid, WhatItKnowsOfTheSensorDriftsWhileItPauses) {
+  const OdometryConfig config;
+  InertialAid aid(Pose::Identity());
+  aid.take(InertialState{});
+  for (int k = 0; k < 100; ++k) {
+    aid.feel({}, kStart_ns + k * std::int64_t{100'000'000}, 100'000'000);
+    aid.take(aid.learned(MotionState{}, Matrix12::Identity(), std::nullopt, config));
+  }
+  const auto state = aid.learned(MotionState{}, Matrix12::Identity(), std::nullopt, config);
+  ASSERT_TRUE(state);
+  const double seconds = 10.1;
+  EXPECT_NEAR(state->covariance(0, 0), seconds * std::pow(config.imu_gravity_walk, 2), 1e-9);
+  EXPECT_NEAR(state->covariance(6, 6), seconds * std::pow(config.imu_rate_walk, 2), 1e-12);
 }
 
 TEST(InertialState, ComesBackFromItsNumbers) {
