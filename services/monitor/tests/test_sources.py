@@ -9,9 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zloam_monitor import cli, clouds, sources
+from fake_session import needs_schemas
+from zloam_monitor import cli, clouds, compose, sources
 from zloam_monitor.failures import Misuse
-from zloam_monitor.messages import MAP_POINT
+from zloam_monitor.mcap_file import McapFile
+from zloam_monitor.messages import MAP_POINT, POINT
+from zloam_monitor.recorder import schema_of
 
 
 def test_readings_go_with_any_recording(tmp_path: Path) -> None:
@@ -21,6 +24,21 @@ def test_readings_go_with_any_recording(tmp_path: Path) -> None:
     assert "driver.source=pcap" in settings
     assert "driver.imu=file" in settings
     assert f"driver.imu_path={readings}" in settings
+
+
+@pytest.mark.parametrize(("imu", "taken"), [("zenoh", True), ("none", False)])
+def test_an_imu_that_began_late_is_replayed(tmp_path: Path, imu: str, taken: bool) -> None:
+    """Its first sweeps have no readings: the driver's configuration tells that it took some."""
+    needs_schemas()
+    path = tmp_path / "run.mcap"
+    about = {"robot": "r", "sensor": "lidar", "recording": "a", "version": "0.1.0", "part": "1"}
+    file = McapFile(path, about)
+    config = compose.config("driver", {"driver.imu": imu})
+    sweep = compose.sweep(compose.HeaderValues(1, 0, 0), np.zeros(1, POINT))
+    for topic, payload in (("service/driver/a/config", config), ("lidar/lidar/sweep", sweep)):
+        file.put(f"loam/r/{topic}", schema_of(payload[4:8]), 0, 0, payload)
+    file.close()
+    assert ("driver.imu=sensor" in sources.from_bag(path, []).settings) == taken
 
 
 def test_a_recording_has_no_simulated_readings(capsys: pytest.CaptureFixture[str]) -> None:

@@ -21,7 +21,8 @@ from zloam_monitor.recordings.sweeps import Timing
 ROBOTS = places.robots()
 #: Configuration of a bag if the user names none.
 BAG_CONFIG = ROBOTS / "vlp16-outdoor.yaml"
-#: If none of the first sweeps of a robot's own recording has IMU readings, it has no IMU.
+#: A robot's own recording has an IMU if its driver took one, or one of so many first sweeps has
+#: readings: sweeps may come from a program of the user.
 IMU_JUDGED_SWEEPS = 20
 #: Speed on the simulated path: at most 0.5 m/s, as suits a scanner with one revolution a second.
 HOKUYO_SPEED_FACTOR = 0.35
@@ -134,7 +135,7 @@ def _from_robot_log(path: Path, words: list[str], own_config: bool) -> Source:
     first = list(islice(log.sweeps(), IMU_JUDGED_SWEEPS))
     if not first:
         raise SourceError(f"{path}: there is no sweep in it (lidar/<sensor>/sweep)")
-    if any(len(robot_log.imu_of(sweep.payload)) for sweep in first):
+    if log.takes_imu() or any(len(robot_log.imu_of(sweep.payload)) for sweep in first):
         words.append("driver.imu=sensor")
     changes = []
     if not own_config:

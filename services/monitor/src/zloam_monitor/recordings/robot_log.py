@@ -217,6 +217,11 @@ class RobotLog:
         kept = {k: v for k, v in found.items() if k.startswith(STAGE_KEYS) and k not in PLACES}
         return [f"{k}={_text(v)}" for k, v in sorted(kept.items())]
 
+    def takes_imu(self) -> bool:
+        """True if the driver was configured to take IMU readings, whenever they began."""
+        values = (records.effective_config(each.payload)[1] for each in self.found((CONFIG,)))
+        return any(each.get("driver.imu", "none") != "none" for each in values)
+
     def changes(self) -> list[str]:
         """Changes during the run, SWEEP:KEY=VALUE; sweeps are counted from the first one."""
         revisions: dict[tuple[str, int], RevisionRecord] = {}
