@@ -23,7 +23,8 @@ struct ClockOffset {
 class HostClock {
  public:
   /// Of the last 16 exchanges the one with the smallest round trip counts. An exchange that ends
-  /// before it begins is ignored: a clock was set meanwhile.
+  /// before it begins is ignored: a clock was set meanwhile. One that contradicts the best by more
+  /// than any drift replaces all before it: a clock was set since.
   void add(const TimeExchange& exchange);
   /// Nothing before the first answer.
   std::optional<ClockOffset> offset() const;

@@ -53,6 +53,15 @@ TEST(HostClock, TheQuickestOfTheLast16Counts) {
   EXPECT_EQ(clock.offset()->uncertainty_ns, 500 * kUs);
 }
 
+TEST(HostClock, AClockThatWasSetIsKnownAtOnce) {
+  HostClock clock;
+  for (int i = 0; i < 16; ++i) clock.add(exchange(10 * kUs, 0, 10 * kUs, 0));
+  clock.add(exchange(900 * kUs, 0, 900 * kUs, 3'600'000'000 * kUs));
+  EXPECT_EQ(clock.offset()->offset_ns, 3'600'000'000 * kUs);
+  clock.add(exchange(10 * kUs, 0, 10 * kUs, 0));
+  EXPECT_EQ(clock.offset()->offset_ns, 0);
+}
+
 TEST(HostClock, AnAnswerBeforeItsQuestionIsIgnored) {
   HostClock clock;
   TimeExchange set_back = exchange(10 * kUs, 0, 10 * kUs, 0);
