@@ -26,11 +26,9 @@ def test_readings_go_with_any_recording(tmp_path: Path) -> None:
     assert f"driver.imu_path={readings}" in settings
 
 
-@pytest.mark.parametrize(("imu", "taken"), [("zenoh", True), ("none", False)])
-def test_an_imu_that_began_late_is_replayed(tmp_path: Path, imu: str, taken: bool) -> None:
-    """Its first sweeps have no readings: the driver's configuration tells that it took some."""
+def robot_log(path: Path, imu: str) -> Path:
+    """A robot's own recording of one sweep without readings; imu: its driver's driver.imu."""
     needs_schemas()
-    path = tmp_path / "run.mcap"
     about = {"robot": "r", "sensor": "lidar", "recording": "a", "version": "0.1.0", "part": "1"}
     file = McapFile(path, about)
     config = compose.config("driver", {"driver.imu": imu})
@@ -38,7 +36,21 @@ def test_an_imu_that_began_late_is_replayed(tmp_path: Path, imu: str, taken: boo
     for topic, payload in (("service/driver/a/config", config), ("lidar/lidar/sweep", sweep)):
         file.put(f"loam/r/{topic}", schema_of(payload[4:8]), 0, 0, payload)
     file.close()
+    return path
+
+
+@pytest.mark.parametrize(("imu", "taken"), [("zenoh", True), ("none", False)])
+def test_an_imu_that_began_late_is_replayed(tmp_path: Path, imu: str, taken: bool) -> None:
+    """Its first sweeps have no readings: the driver's configuration tells that it took some."""
+    path = robot_log(tmp_path / "run.mcap", imu)
     assert ("driver.imu=sensor" in sources.from_bag(path, []).settings) == taken
+
+
+def test_the_delay_of_recorded_readings_is_taken_off_once(tmp_path: Path) -> None:
+    path = robot_log(tmp_path / "run.mcap", "zenoh")
+    own = tmp_path / "robot.yaml"
+    own.write_text("driver:\n  imu: zenoh\n  imu_delay_ms: 20\n")
+    assert "driver.imu_delay_ms=0" in sources.from_bag(path, [], own).settings
 
 
 def test_a_recording_has_no_simulated_readings(capsys: pytest.CaptureFixture[str]) -> None:

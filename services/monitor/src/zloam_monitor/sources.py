@@ -136,7 +136,8 @@ def _from_robot_log(path: Path, words: list[str], own_config: bool) -> Source:
     if not first:
         raise SourceError(f"{path}: there is no sweep in it (lidar/<sensor>/sweep)")
     if log.takes_imu() or any(len(robot_log.imu_of(sweep.payload)) for sweep in first):
-        words.append("driver.imu=sensor")
+        # The recorded stamps are without the delay that the robot's file may name.
+        words += ["driver.imu=sensor", "driver.imu_delay_ms=0"]
     changes = []
     if not own_config:
         words += log.settings()
