@@ -12,7 +12,8 @@
 //   4  refusal    text: why it cannot be used; nothing follows
 //   5  end        nothing follows; without it the reader has died
 //   6  packets    for each RecordedPacket, then its bytes
-//   7  reading    RecordedReading of an inertial sensor, before the sweep after it
+//   7  reading    RecordedReading of an inertial sensor, before the sweep after it; one of a
+//                 message after this message, and before the next one
 //   8  message    a sweep as a driver published it (schemas/sweep.fbs), of a robot's own recording
 
 #include <cstdint>

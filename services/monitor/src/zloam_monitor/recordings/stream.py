@@ -128,16 +128,18 @@ def write(
 
 
 def _write_messages(log: RobotLog, frames: Frames, with_imu: bool) -> None:
-    """Writes sweeps as they were published; before each one the IMU readings that it contains."""
+    """Writes sweeps as they were published; after each one the IMU readings that it contains. The
+    driver publishes a sweep when it has read the next one: readings before that would be added to
+    the sweep before, which did not have them."""
     frames.text(IDENTITY, f"messages {bags.identity(log.path)}")
     last_ns = 0
     for sweep in log.sweeps():
+        frames.put(MESSAGE, sweep.payload)
         readings = robot_log.imu_of(sweep.payload) if with_imu else []
         for reading in readings:
             if reading["stamp_ns"] > last_ns:
                 last_ns = int(reading["stamp_ns"])
                 frames.put(READING, reading.tobytes())
-        frames.put(MESSAGE, sweep.payload)
     for remark in log.remarks:
         frames.text(REMARK, remark)
     frames.text(END, "")
