@@ -67,3 +67,11 @@ def test_a_sweep_gets_no_readings_that_came_after_it(
         *[("sweep", 1), ("reading", 7), ("reading", 8)],
         *[("sweep", 2), ("reading", 9)],
     ]
+
+
+def test_readings_before_a_clock_that_begins_at_0_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The margin before the first sweep of a capture without receive times."""
+    found = written(tmp_path / "run.mcap", monkeypatch, [[-10, 0, 10]])
+    assert [stamp for kind, stamp in found if kind == "reading"] == [-10, 0, 10]

@@ -132,12 +132,12 @@ def _write_messages(log: RobotLog, frames: Frames, with_imu: bool) -> None:
     driver publishes a sweep when it has read the next one: readings before that would be added to
     the sweep before, which did not have them."""
     frames.text(IDENTITY, f"messages {bags.identity(log.path)}")
-    last_ns = 0
+    last_ns: int | None = None
     for sweep in log.sweeps():
         frames.put(MESSAGE, sweep.payload)
         readings = robot_log.imu_of(sweep.payload) if with_imu else []
         for reading in readings:
-            if reading["stamp_ns"] > last_ns:
+            if last_ns is None or reading["stamp_ns"] > last_ns:
                 last_ns = int(reading["stamp_ns"])
                 frames.put(READING, reading.tobytes())
     for remark in log.remarks:
