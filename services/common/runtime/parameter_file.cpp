@@ -129,13 +129,22 @@ struct Parameters::Loader {
            parameters.find(key) == nullptr && !is_prefix(key);
   }
 
-  void file(const std::string& text) {
-    YAML::Node root;
+  /// The only document of the text. YAML::Load() takes the first one and skips the others.
+  YAML::Node document(const std::string& text) {
     try {
-      root = YAML::Load(text);
+      const std::vector<YAML::Node> found = YAML::LoadAll(text);
+      if (found.size() > 1) {
+        errors.push_back(name + ":" + line_of(found[1]) +
+                         ": a second document (after '---' or '...') is not read: a file has one");
+      }
+      return found.empty() ? YAML::Node() : found.front();
     } catch (const YAML::Exception& e) {
       throw ConfigError(name + ":" + std::to_string(e.mark.line + 1) + ": not YAML: " + e.msg);
     }
+  }
+
+  void file(const std::string& text) {
+    const YAML::Node root = document(text);
     if (root.IsMap()) {
       walk(root, "");
     } else if (!root.IsNull()) {

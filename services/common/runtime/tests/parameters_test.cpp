@@ -180,6 +180,16 @@ TEST_F(ParameterFile, BrokenYamlAndDoubleKeysNameTheLine) {
   EXPECT_THAT(error("- a\n"), HasSubstr("a map of sections is expected"));
 }
 
+TEST_F(ParameterFile, ASecondDocumentIsRefused) {
+  for (const char* text : {"stage:\n  on: true\n---\nstage:\n  range_m: 9\n",
+                           "stage:\n  on: true\n...\nstage:\n  range_m: 9\n",
+                           "# robot\n---\n---\nstage:\n  on: true\n"}) {
+    const std::string e = error(text);
+    EXPECT_THAT(e, HasSubstr("robot.yaml:4: a second document")) << text;
+  }
+  EXPECT_EQ(error("%YAML 1.2\n---\nstage:\n  on: true\n...\n"), "");
+}
+
 TEST_F(ParameterFile, KeysThatAreNoNamesAreShown) {
   EXPECT_EQ(error("stage:\n  ? [on, big.x]\n  : true\n"),
             "robot.yaml:2: stage.[on, big.x]: a name is expected as key");
