@@ -1,0 +1,38 @@
+// Values that each key allows, but that contradict each other, are refused with their key.
+
+#include "driver/driver_parameters.hpp"
+
+#include <gmock/gmock.h>
+
+namespace zloam::driver {
+namespace {
+
+using testing::HasSubstr;
+
+std::string refusal(const std::vector<std::string>& settings) {
+  DriverConfig config;
+  runtime::Parameters parameters;
+  bind(parameters, config);
+  try {
+    parameters.load(std::nullopt, settings);
+  } catch (const runtime::ConfigError& e) {
+    return e.what();
+  }
+  return {};
+}
+
+TEST(DriverParameters, ABodyBoxWithoutInsideIsRefused) {
+  const std::string low = "driver.body_box_min_m=[-0.4, -0.3, -1]";
+  EXPECT_EQ(refusal({low, "driver.body_box_max_m=[0.4, 0.3, 0]"}), "");
+  EXPECT_EQ(refusal({"driver.body_box_min_m=[0, 0, 0]", "driver.body_box_max_m=[0, 0, 0]"}), "");
+  for (const char* high : {"[0.4, -0.3, 0]", "[0.4, 0.3, -2]", "[-0.4, -0.3, -1]"}) {
+    EXPECT_THAT(refusal({low, std::string("driver.body_box_max_m=") + high}),
+                HasSubstr("driver.body_box_max_m: must be above driver.body_box_min_m"))
+        << high;
+  }
+  EXPECT_THAT(refusal({"driver.body_box_min_m=[0.1, 0.1, 0.1]"}),
+              HasSubstr("driver.body_box_max_m: must be above"));
+}
+
+}  // namespace
+}  // namespace zloam::driver
