@@ -1,5 +1,9 @@
 #include "mapping/mapping_parameters.hpp"
 
+#include <algorithm>
+#include <array>
+#include <string>
+
 #include "common/runtime/parameters.hpp"
 
 namespace zloam::mapping {
@@ -7,6 +11,12 @@ namespace {
 
 using runtime::Effect;
 using runtime::Parameters;
+
+/// The centre tile is one of them: an even number would mean the next odd one.
+std::string error_of(const std::array<int, 3>& tiles) {
+  const bool odd = std::all_of(tiles.begin(), tiles.end(), [](int n) { return n % 2 == 1; });
+  return odd ? "" : "must be odd numbers, as the tile of the sensor is in the middle";
+}
 
 void bind_map(Parameters& p, MappingConfig& c) {
   p.add("mapping.mode", &c.mode,
@@ -22,6 +32,17 @@ void bind_map(Parameters& p, MappingConfig& c) {
         "tiles kept in memory around the sensor: x, y, z, odd numbers");
   p.add("mapping.local_tiles", &c.local_tiles, {1, 1001}, "",
         "tiles around the sensor that map/surround shows: x, y, z, odd numbers");
+  p.check("mapping.window_tiles", [&c] { return error_of(c.window_tiles); });
+  p.check("mapping.local_tiles", [&c]() -> std::string {
+    if (std::string error = error_of(c.local_tiles); !error.empty()) return error;
+    for (std::size_t a = 0; a < 3; ++a) {
+      if (c.local_tiles[a] > c.window_tiles[a]) return "must not exceed mapping.window_tiles";
+    }
+    return {};
+  });
+}
+
+void bind_points(Parameters& p, MappingConfig& c) {
   p.add("mapping.leaf_edge_m", &c.leaf_edge_m, {0.02, 5.0}, "m",
         "voxel size of the map's edge points");
   p.add("mapping.leaf_plane_m", &c.leaf_plane_m, {0.02, 5.0}, "m",
@@ -32,12 +53,6 @@ void bind_map(Parameters& p, MappingConfig& c) {
   p.add("mapping.spill_directory", &c.spill_directory,
         "folder of the file for points outside the window; empty: all points stay in memory",
         Effect::kNone);
-  p.check("mapping.local_tiles", [&c]() -> std::string {
-    for (std::size_t a = 0; a < 3; ++a) {
-      if (c.local_tiles[a] > c.window_tiles[a]) return "must not exceed mapping.window_tiles";
-    }
-    return {};
-  });
 }
 
 void bind_insertion(Parameters& p, MappingConfig& c) {
@@ -116,6 +131,7 @@ void bind_output(Parameters& p, OutputConfig& output) {
 
 void bind(Parameters& parameters, MappingConfig& config, OutputConfig& output) {
   bind_map(parameters, config);
+  bind_points(parameters, config);
   bind_insertion(parameters, config);
   bind_bridging(parameters, config);
   bind_voxel_planes(parameters, config.voxel_planes);
