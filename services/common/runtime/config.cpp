@@ -52,7 +52,7 @@ void bind_recovery(Parameters& p, RecoveryConfig& c) {
 }  // namespace
 
 std::vector<std::string> owned_sections() {
-  std::vector<std::string> sections = {"monitor", "recorder", "router", "aloam"};
+  std::vector<std::string> sections = {"aloam"};
   for (const StageRow& row : stage_list()) sections.push_back(row.name);
   return sections;
 }

@@ -313,5 +313,19 @@ TEST(SharedParameters, HoldNamesToWhatAKeyAllows) {
   EXPECT_EQ(c.mounting.T_base_lidar().translation().z(), 1.7);
 }
 
+TEST(SharedParameters, SectionsThatNoProgramReadsAreUnknown) {
+  const auto load = [](const std::string& text, const std::vector<std::string>& settings) {
+    SharedConfig c;
+    Parameters p;
+    bind(p, c);
+    p.load_text(text, "f", settings, owned_sections());
+  };
+  EXPECT_NO_THROW(load("driver: {port: 1}\naloam: {deskew: true}\n", {"store.path=/tmp"}));
+  for (const std::string section : {"monitor", "recorder", "router"}) {
+    EXPECT_THROW(load(section + ": {port: 1}\n", {}), ConfigError) << section;
+    EXPECT_THROW(load("", {section + ".port=1"}), ConfigError) << section;
+  }
+}
+
 }  // namespace
 }  // namespace zloam::runtime
