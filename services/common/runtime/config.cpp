@@ -2,6 +2,7 @@
 
 #include "common/messages/keys.hpp"
 #include "common/runtime/parameters.hpp"
+#include "common/runtime/session_config.hpp"
 
 namespace zloam::runtime {
 namespace {
@@ -23,6 +24,9 @@ void bind_zenoh(Parameters& p, ZenohConfig& c) {
         Effect::kNone);
   p.add("zenoh.lease_ms", &c.lease_ms, {100, 60000}, "ms",
         "time without a keep-alive after which a peer is dropped", Effect::kNone);
+  p.check("zenoh.host", [&c] { return host_error(c.host); });
+  p.check("zenoh.listen", [&c] { return endpoints_error(c.listen); });
+  p.check("zenoh.connect", [&c] { return endpoints_error(c.connect); });
 }
 
 void bind_recovery(Parameters& p, RecoveryConfig& c) {

@@ -243,7 +243,6 @@ int run(const StageSpec& spec, const CommandLine& line, const std::vector<const 
   std::erase(foreign, spec.variant.empty() ? spec.name : spec.variant);
   parameters.load(line.config, line.settings, foreign);
   std::vector<Revision> presets = presets_of(line.settings_at, spec.name, foreign, parameters);
-  check_endpoints(shared.zenoh);
   if (line.check) {
     print(parameters.values_json());
     return kExitOk;

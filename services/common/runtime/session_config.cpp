@@ -98,14 +98,29 @@ std::string identifier(std::uint8_t initiative) {
 
 }  // namespace
 
+std::string endpoints_error(const std::vector<std::string>& endpoints) {
+  for (const std::string& endpoint : endpoints) {
+    if (host_and_port(endpoint)) continue;
+    return "'" + endpoint + "': tcp/HOST:PORT is expected, such as tcp/192.168.1.5:7447";
+  }
+  return {};
+}
+
+std::string host_error(const std::string& host) {
+  const bool in_brackets = host.starts_with('[') && host.ends_with(']');
+  const bool has_port =
+      !in_brackets && (host.starts_with('[') || std::count(host.begin(), host.end(), ':') == 1);
+  const bool is_host = !host.empty() && host.find_first_of(" \t\n\r/?#") == std::string::npos;
+  if (is_host && !has_port) return {};
+  return "'" + host +
+         "': a name or an address is expected, without protocol and port, such as 192.168.1.5";
+}
+
 void check_endpoints(const ZenohConfig& config) {
   for (const auto& [key, endpoints] :
        {std::pair("zenoh.connect", config.connect), std::pair("zenoh.listen", config.listen)}) {
-    for (const std::string& endpoint : endpoints) {
-      if (host_and_port(endpoint)) continue;
-      throw ConfigError(std::string(key) + ": '" + endpoint +
-                        "': tcp/HOST:PORT is expected, such as tcp/192.168.1.5:7447");
-    }
+    const std::string error = endpoints_error(endpoints);
+    if (!error.empty()) throw ConfigError(std::string(key) + ": " + error);
   }
 }
 

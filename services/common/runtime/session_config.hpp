@@ -21,8 +21,14 @@ struct Endpoints {
   std::uint8_t initiative = 0;
 };
 
-/// Throws ConfigError for an entry of zenoh.connect or zenoh.listen that is not tcp/HOST:PORT:
-/// Zenoh would retry it for ever without an error.
+/// The error of the first entry that is not tcp/HOST:PORT, or an empty text: Zenoh would retry it
+/// for ever without an error.
+std::string endpoints_error(const std::vector<std::string>& endpoints);
+
+/// The error of zenoh.host if it is not a name or an address alone, or an empty text.
+std::string host_error(const std::string& host);
+
+/// Throws ConfigError for an entry of zenoh.connect or zenoh.listen that is not tcp/HOST:PORT.
 void check_endpoints(const ZenohConfig& config);
 
 /// Checked. A stage connects to the later stages of the chain; a program outside the chain, or a

@@ -313,18 +313,41 @@ TEST(SharedParameters, HoldNamesToWhatAKeyAllows) {
   EXPECT_EQ(c.mounting.T_base_lidar().translation().z(), 1.7);
 }
 
+void load_shared(const std::string& text, const std::vector<std::string>& settings) {
+  SharedConfig c;
+  Parameters p;
+  bind(p, c);
+  p.load_text(text, "f", settings, owned_sections());
+}
+
 TEST(SharedParameters, SectionsThatNoProgramReadsAreUnknown) {
-  const auto load = [](const std::string& text, const std::vector<std::string>& settings) {
-    SharedConfig c;
-    Parameters p;
-    bind(p, c);
-    p.load_text(text, "f", settings, owned_sections());
-  };
-  EXPECT_NO_THROW(load("driver: {port: 1}\naloam: {deskew: true}\n", {"store.path=/tmp"}));
+  EXPECT_NO_THROW(load_shared("driver: {port: 1}\naloam: {deskew: true}\n", {"store.path=/tmp"}));
   for (const std::string section : {"monitor", "recorder", "router"}) {
-    EXPECT_THROW(load(section + ": {port: 1}\n", {}), ConfigError) << section;
-    EXPECT_THROW(load("", {section + ".port=1"}), ConfigError) << section;
+    EXPECT_THROW(load_shared(section + ": {port: 1}\n", {}), ConfigError) << section;
+    EXPECT_THROW(load_shared("", {section + ".port=1"}), ConfigError) << section;
   }
+}
+
+TEST(SharedParameters, AddressesAreCheckedWithTheirPlace) {
+  const auto error = [](const std::string& text, const std::vector<std::string>& settings) {
+    try {
+      load_shared(text, settings);
+    } catch (const ConfigError& e) {
+      return std::string(e.what());
+    }
+    return std::string();
+  };
+  for (const char* good : {"0.0.0.0", "<stage>", "zloam-<stage>.svc", "[::1]", "::1", "robot-1"}) {
+    EXPECT_EQ(error("", {std::string("zenoh.host=") + good}), "");
+  }
+  for (const char* bad : {"", "10.0.0.5:7447", "tcp/10.0.0.5", "10.0.0.5 ", "[::1]:7447", "[::1"}) {
+    EXPECT_THAT(error("zenoh:\n  host: '" + std::string(bad) + "'\n", {}),
+                HasSubstr("f:2: zenoh.host: '" + std::string(bad) + "': a name or an address"));
+  }
+  EXPECT_THAT(error("zenoh:\n  base_port: 0\n  connect: [tcp/router]\n", {}),
+              HasSubstr("f:3: zenoh.connect: 'tcp/router': tcp/HOST:PORT is expected"));
+  EXPECT_THAT(error("", {"zenoh.listen=[router:7447]"}),
+              HasSubstr("--set zenoh.listen: zenoh.listen: 'router:7447': tcp/HOST:PORT"));
 }
 
 }  // namespace
