@@ -68,12 +68,15 @@ class Reader(HTMLParser):
 def test_the_page_says_what_the_report_says(tmp_path: Path) -> None:
     run = run_with([STEP_NS * i for i in range(11)])
     run = replace(run, remarks=["<script>alert(1)</script> & more"], exit_codes={"driver": 0})
+    run = replace(run, set_too_late=["900:mapping.stride=2"])
     found = outputs.write_all(tmp_path, "A <b>drive</b>", run)
     read = Reader((tmp_path / "report.html").read_text())
     assert read.open == []
     assert "A <b>drive</b>" in read.text
     assert "<script>alert(1)</script> & more" in read.text
     assert report.summary_line(found) in read.text
+    assert "900:mapping.stride=2" in read.text
+    assert "the run ended before these changes: 900:mapping.stride=2" in report.table(found)
     # The stages' files are missing here.
     assert len(report.complaints(found)) >= 1
     assert all(each in read.text for each in report.complaints(found))

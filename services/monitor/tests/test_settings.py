@@ -14,7 +14,7 @@ import pytest
 
 from zloam_monitor.failures import Misuse
 from zloam_monitor.records import RevisionRecord
-from zloam_monitor.settings import as_set_at, existing_files, pairs, several
+from zloam_monitor.settings import as_set_at, changes, existing_files, pairs, several
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -40,6 +40,16 @@ def test_a_replay_is_given_what_was_in_force() -> None:
     ]
     assert as_set_at(found, run=7) == ["0:a=true", "30:a=false", "30:b=[1, 2.5]"]
     assert as_set_at([revision(1, run=0, from_sweep=9, values={"c": "x"})], run=7) == ["9:c=x"]
+
+
+def test_a_change_that_the_run_ended_before_was_never_in_force() -> None:
+    found = [
+        revision(1, run=6, from_sweep=400, values={"a": 1}),
+        revision(2, run=7, from_sweep=30, values={"a": 2}),
+        revision(3, run=7, from_sweep=31, values={"a": 2, "b": 3}),
+    ]
+    assert changes(found, 7, last_sweep=30) == (["0:a=1", "30:a=2"], ["31:b=3"])
+    assert changes(found, 7, last_sweep=31) == (as_set_at(found, 7), [])
 
 
 @pytest.mark.parametrize(

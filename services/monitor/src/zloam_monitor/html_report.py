@@ -60,6 +60,7 @@ def page(found: dict[str, Any], title: str, picture: Path, poses: Path) -> str:
         _sigma_chart(poses),
         _listed("Said by the stages", found.get("remarks", [])),
         _listed("Changed while it ran", found.get("set_at", [])),
+        _listed("Changes that the run ended before", found.get("set_too_late", [])),
     ]
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'

@@ -17,7 +17,7 @@ from zloam_monitor.files import written_whole
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link
 from zloam_monitor.records import DROPPED, PoseRecord, StatusRecord
-from zloam_monitor.settings import as_set_at
+from zloam_monitor.settings import changes
 from zloam_monitor.stages import STAGES
 from zloam_monitor.trajectory import Trajectory
 
@@ -51,6 +51,8 @@ class Run:
     exit_codes: dict[str, int] = field(default_factory=dict)
     #: Changes during the run, as texts for --set-at.
     set_at: list[str] = field(default_factory=list)
+    #: Changes that the run ended before, in the same form.
+    set_too_late: list[str] = field(default_factory=list)
     #: Remarks of the stages, each cause once.
     remarks: list[str] = field(default_factory=list)
     #: MiB of each stage that still ran at the end.
@@ -72,6 +74,7 @@ class Run:
         pss_mib: dict[str, float] | None = None,
     ) -> Run:
         """The run as a link has received it until now."""
+        in_force, late = changes(link.revisions, link.run, max(link.poses, default=0))
         return cls(
             keys=link.keys,
             statuses=link.newest_statuses(),
@@ -82,7 +85,8 @@ class Run:
             wall_s=wall_s,
             truths=truths or {},
             exit_codes=exit_codes or {},
-            set_at=as_set_at(link.revisions, link.run),
+            set_at=in_force,
+            set_too_late=late,
             pss_mib=pss_mib or {},
             graph=link.stage("graph"),
         )
@@ -204,6 +208,7 @@ def build(run: Run) -> dict[str, Any]:
         "exit_codes": run.exit_codes,
         "loops": _loops(run),
         "set_at": run.set_at,
+        "set_too_late": run.set_too_late,
         "remarks": run.remarks,
         "references": {
             name: {kind: scores[kind][name].as_dict() for kind in scores} for name in run.truths
@@ -322,6 +327,8 @@ def table(report: dict[str, Any]) -> str:
     lines.append(pose_health.line(report["health"]))
     if report.get("remarks"):
         lines += ["said by the stages:", *(f"  {each}" for each in report["remarks"])]
+    if late := report.get("set_too_late"):
+        lines.append("the run ended before these changes: " + ", ".join(late))
     if earlier := report.get("earlier_runs"):
         lines.append("files of earlier runs: " + ", ".join(earlier))
     wrong = complaints(report)

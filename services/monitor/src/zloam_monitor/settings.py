@@ -182,3 +182,16 @@ def as_set_at(revisions: Iterable[RevisionRecord], run: int | None) -> list[str]
         for revision in revisions
         for key, value in revision.values.items()
     ]
+
+
+def changes(
+    revisions: Iterable[RevisionRecord], run: int | None, last_sweep: int
+) -> tuple[list[str], list[str]]:
+    """The changes of a run as as_set_at() gives them: those in force up to its last sweep, and
+    those that it ended before."""
+    known = list(revisions)
+    in_time = [r for r in known if r.run not in (0, run) or r.from_sweep <= last_sweep]
+    in_force = as_set_at(in_time, run)
+    held = {text.partition(":")[2] for text in in_force}
+    late = as_set_at((r for r in known if r not in in_time), run)
+    return in_force, [text for text in late if text.partition(":")[2] not in held]
