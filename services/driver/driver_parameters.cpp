@@ -108,6 +108,23 @@ void bind_source(runtime::Parameters& p, DriverConfig& c) {
         Effect::kNone);
 }
 
+void check_addresses(runtime::Parameters& p, const DriverConfig& c) {
+  p.check("driver.sensor_address",
+          [&c] { return error_of([&] { parse_ipv4(c.sensor_address); }); });
+  p.check("driver.bind_address",
+          [&c] { return error_of([&] { parse_ipv4(c.udp.bind_address); }); });
+  p.check("driver.multicast_group", [&c]() -> std::string {
+    const std::string& group = c.udp.multicast_group;
+    if (std::string error = error_of([&] { parse_ipv4(group); }); !error.empty()) return error;
+    const bool is_group = group.empty() || parse_ipv4(group) >> 28 == 14;
+    return is_group ? "" : '"' + group + "\" is no multicast group of 224.0.0.0 to 239.255.255.255";
+  });
+  p.check("driver.position_port", [&c]() -> std::string {
+    const bool same = c.udp.position_port == c.udp.data_port && c.udp.data_port != 0;
+    return same && c.source == SourceKind::kUdp ? "must differ from driver.port" : "";
+  });
+}
+
 void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
   std::vector<std::string> models = known_models();
   models.insert(models.begin(), "auto");
@@ -232,6 +249,7 @@ std::optional<double> rate_factor(const std::string& rate) {
 
 void bind(runtime::Parameters& p, DriverConfig& c) {
   bind_source(p, c);
+  check_addresses(p, c);
   bind_decoding(p, c);
   bind_limits(p, c);
   bind_scans(p, c);
@@ -247,10 +265,6 @@ void bind(runtime::Parameters& p, DriverConfig& c) {
     return "is none, but such scans have no point times: say clockwise, counter_clockwise or "
            "deskewed";
   });
-  p.check("driver.sensor_address",
-          [&c] { return error_of([&] { parse_ipv4(c.sensor_address); }); });
-  p.check("driver.multicast_group",
-          [&c] { return error_of([&] { parse_ipv4(c.udp.multicast_group); }); });
   p.check("driver.azimuth_mask_deg",
           [&c] { return error_of([&] { azimuth_sectors(c.azimuth_mask_deg); }); });
   p.check("driver.max_range_m", [&c]() -> std::string {

@@ -34,5 +34,23 @@ TEST(DriverParameters, ABodyBoxWithoutInsideIsRefused) {
               HasSubstr("driver.body_box_max_m: must be above"));
 }
 
+TEST(DriverParameters, TwoKindsOfPacketsNeedTwoPorts) {
+  EXPECT_EQ(refusal({"driver.position_port=2368"}),
+            "--set driver.position_port: driver.position_port: must differ from driver.port");
+  EXPECT_EQ(refusal({"driver.port=0", "driver.position_port=0"}), "");
+  EXPECT_EQ(refusal({"driver.position_port=2368", "driver.source=zenoh"}), "");
+}
+
+TEST(DriverParameters, AddressesThatCantBeUsedAreNamedWithTheirKey) {
+  EXPECT_EQ(refusal({"driver.bind_address=192.168.1.77", "driver.multicast_group=239.0.0.1"}), "");
+  EXPECT_EQ(refusal({"driver.bind_address=", "driver.multicast_group="}), "");
+  EXPECT_THAT(refusal({"driver.bind_address=localhost"}),
+              HasSubstr("driver.bind_address: \"localhost\" is no IPv4 address"));
+  EXPECT_THAT(refusal({"driver.multicast_group=group"}),
+              HasSubstr("driver.multicast_group: \"group\" is no IPv4 address"));
+  EXPECT_THAT(refusal({"driver.multicast_group=192.168.1.201"}),
+              HasSubstr("driver.multicast_group: \"192.168.1.201\" is no multicast group"));
+}
+
 }  // namespace
 }  // namespace zloam::driver
