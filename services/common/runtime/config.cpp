@@ -29,6 +29,22 @@ void bind_zenoh(Parameters& p, ZenohConfig& c) {
   p.check("zenoh.connect", [&c] { return endpoints_error(c.connect); });
 }
 
+void bind_flow(Parameters& p, SharedConfig& c) {
+  p.add("flow.window", &c.flow.window, {1, 1000}, "sweeps",
+        "replay: maximum number of sweeps in progress", Effect::kNone);
+  p.add("flow.sinks", &c.flow.sinks, "replay: stages whose acknowledgements pace it",
+        Effect::kNone);
+  p.add("flow.wait_for", &c.flow.wait_for, "replay: stages that must be ready before it starts",
+        Effect::kNone);
+  p.add("flow.retransmit_ms", &c.flow.retransmit_ms, {50, 60000}, "ms",
+        "replay: delay before a sweep without progress is published again", Effect::kNone);
+  p.check("flow.window", [&c]() -> std::string {
+    if (c.flow.window <= c.recovery.keep_messages) return {};
+    return "must not exceed recovery.keep_messages (" + std::to_string(c.recovery.keep_messages) +
+           "), or a lost sweep can't be requested again";
+  });
+}
+
 void bind_recovery(Parameters& p, RecoveryConfig& c) {
   p.add("recovery.keep_messages", &c.keep_messages, {1, 100000}, "",
         "messages kept by a publisher for recovery", Effect::kNone);
@@ -77,14 +93,7 @@ void bind(Parameters& p, SharedConfig& c) {
   p.add("log.level", &c.log.level, {"debug", "info", "warning", "error"},
         "minimum severity that is logged", Effect::kNone);
   p.add("log.format", &c.log.format, {"text", "json"}, "format of a log line", Effect::kNone);
-  p.add("flow.window", &c.flow.window, {1, 1000}, "sweeps",
-        "replay: maximum number of sweeps in progress", Effect::kNone);
-  p.add("flow.sinks", &c.flow.sinks, "replay: stages whose acknowledgements pace it",
-        Effect::kNone);
-  p.add("flow.wait_for", &c.flow.wait_for, "replay: stages that must be ready before it starts",
-        Effect::kNone);
-  p.add("flow.retransmit_ms", &c.flow.retransmit_ms, {50, 60000}, "ms",
-        "replay: delay before a sweep without progress is published again", Effect::kNone);
+  bind_flow(p, c);
   bind_recovery(p, c.recovery);
   p.check("robot", [&c] { return Keys::chunk_error(c.robot); });
   p.check("sensor.name", [&c] { return Keys::chunk_error(c.sensor.name); });

@@ -328,6 +328,19 @@ TEST(SharedParameters, SectionsThatNoProgramReadsAreUnknown) {
   }
 }
 
+TEST(SharedParameters, ThePublisherKeepsAllSweepsOfAReplaysWindow) {
+  EXPECT_NO_THROW(load_shared("flow: {window: 64}\nrecovery: {keep_messages: 64}\n", {}));
+  EXPECT_THROW(load_shared("flow: {window: 65}\nrecovery: {keep_messages: 64}\n", {}),
+               ConfigError);
+  try {
+    load_shared("flow:\n  window: 100\n", {});
+    ADD_FAILURE();
+  } catch (const ConfigError& e) {
+    EXPECT_THAT(e.what(),
+                HasSubstr("f:2: flow.window: must not exceed recovery.keep_messages (32)"));
+  }
+}
+
 TEST(SharedParameters, AddressesAreCheckedWithTheirPlace) {
   const auto error = [](const std::string& text, const std::vector<std::string>& settings) {
     try {
