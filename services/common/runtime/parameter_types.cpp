@@ -94,6 +94,8 @@ Parameters::Added Parameters::add(const std::string& key, std::string* field,
       return {};
     }
     if (value.shape != RawValue::Shape::kScalar) return kScalarWanted;
+    // Only a shell expands it: a folder of the name "~" would be made.
+    if (value.items[0].starts_with("~/")) return "'~' is not expanded: write the whole path";
     *field = value.items[0];
     return {};
   };

@@ -167,6 +167,14 @@ TEST_F(ParameterFile, ATextOnTheCommandLineIsTakenAsItStands) {
   }
 }
 
+TEST_F(ParameterFile, AHomeFolderThatNothingExpandsIsRefused) {
+  EXPECT_EQ(error("stage:\n  name: ~/maps\n"),
+            "robot.yaml:2: stage.name: value '~/maps' is refused: '~' is not expanded: write the "
+            "whole path; allowed: any text");
+  EXPECT_THAT(error("", {"stage.name=~/maps"}), HasSubstr("'~' is not expanded"));
+  EXPECT_EQ(error("stage:\n  name: maps/~old\n"), "");
+}
+
 TEST_F(ParameterFile, ConditionsOverFieldsNameTheirKeyAndPlace) {
   EXPECT_EQ(error("stage:\n  big: 13\n"), "robot.yaml:2: stage.big: must not be 13");
   EXPECT_EQ(error("stage:\n  big: 1\n", {"stage.big=13"}),
