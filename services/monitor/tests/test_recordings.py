@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from rosbags.typesys import Stores, get_typestore
 from zloam_monitor import cli, clouds, sources
 from zloam_monitor.failures import Misuse
 from zloam_monitor.messages import MAP_POINT
-from zloam_monitor.recordings import Refused, bags, fields, folders
+from zloam_monitor.recordings import Refused, bags, fields, folders, robot_log
+from zloam_monitor.records import RevisionRecord
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 STAMP_NS = 10**18
@@ -112,3 +114,30 @@ def test_a_period_that_is_none_is_refused(
     assert cli.main(["recording", str(tmp_path), "--seam-deg", "nan"]) == 2
     with pytest.raises(Misuse, match="scan_period_s"):
         sources.asked({"driver.scan_period_s": value})
+
+
+def test_changes_of_other_runs_are_not_placed_by_their_sweeps(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A change and its withdrawal in the run before would else be repeated in the replay."""
+    own_run, first_sweep, begin_ns = 7, 100, 1000
+    revisions = [
+        RevisionRecord("mapping", 1, 6, 400, {"mapping.a": 3}, "i", at_ns=10),
+        RevisionRecord("mapping", 2, 6, 800, {"mapping.a": 2}, "i", at_ns=20),
+        RevisionRecord("mapping", 3, own_run, 150, {"mapping.a": 4}, "i", at_ns=2000),
+        RevisionRecord("mapping", 4, 8, 30, {"mapping.a": 5}, "i", at_ns=3000),
+    ]
+    header = SimpleNamespace(Run=lambda: own_run, Sweep=lambda: first_sweep)
+    begin = robot_log.Logged("sweep", "", begin_ns, b"")
+    monkeypatch.setattr(robot_log, "_header", lambda _: header)
+    monkeypatch.setattr(robot_log.RobotLog, "sweeps", lambda _: iter([begin]))
+    logged = [SimpleNamespace(payload=revision) for revision in revisions]
+    monkeypatch.setattr(robot_log.RobotLog, "found", lambda *_: logged)
+    monkeypatch.setattr(
+        robot_log, "records", SimpleNamespace(config_revision=lambda revision: revision)
+    )
+    assert robot_log.RobotLog(Path("run.mcap")).changes() == [
+        "0:mapping.a=3",
+        "0:mapping.a=2",
+        "50:mapping.a=4",
+    ]

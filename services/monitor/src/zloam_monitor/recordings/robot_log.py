@@ -223,17 +223,23 @@ class RobotLog:
         return any(each.get("driver.imu", "none") != "none" for each in values)
 
     def changes(self) -> list[str]:
-        """Changes during the run, SWEEP:KEY=VALUE; sweeps are counted from the first one."""
+        """Changes during the first run, SWEEP:KEY=VALUE; sweeps are counted from the first one.
+        Those of earlier runs hold from there on."""
         revisions: dict[tuple[str, int], RevisionRecord] = {}
         for logged in self.found((REVISION,)):
             revision = records.config_revision(logged.payload)
             revisions[(revision.stage, revision.rev)] = revision
         begin = next(self.sweeps(), None)
-        first = _header(begin.payload).Sweep() if revisions and begin is not None else 0
+        header = _header(begin.payload) if revisions and begin is not None else None
         found, before = [], dict[str, dict[str, Any]]()
         for (stage, _), revision in sorted(revisions.items()):
+            sweep = revision.from_sweep
+            if begin is not None and header is not None:
+                is_own = revision.run in (0, header.Run())
+                if not is_own and revision.at_ns > begin.log_ns:
+                    continue  # Of a further run, whose sweeps are left out.
+                sweep = max(0, sweep - header.Sweep()) if is_own else 0
             known = before.get(stage, {})
-            sweep = max(0, revision.from_sweep - first)
             new = {k: v for k, v in revision.values.items() if known.get(k) != v}
             found += [f"{sweep}:{key}={_text(value)}" for key, value in new.items()]
             before[stage] = revision.values
