@@ -173,9 +173,8 @@ void bind_limits(runtime::Parameters& p, DriverConfig& c) {
       "10] includes the front");
   p.add("driver.body_box_min_m", &c.body_box_min_m, {-100.0, 100.0}, "m",
         "lower corner of the robot's body in base_link; points inside are dropped");
-  p.add(
-      "driver.body_box_max_m", &c.body_box_max_m, {-100.0, 100.0}, "m",
-      "upper corner of the robot's body in base_link; no box if both corners are zero");
+  p.add("driver.body_box_max_m", &c.body_box_max_m, {-100.0, 100.0}, "m",
+        "upper corner of the robot's body in base_link; no box if both corners are zero");
   p.check("driver.body_box_max_m", [&c]() -> std::string {
     if (c.body_box_min_m.isZero(0.0) && c.body_box_max_m.isZero(0.0)) return "";
     const bool above = (c.body_box_min_m.array() < c.body_box_max_m.array()).all();

@@ -122,8 +122,7 @@ std::string Journal::begin(const std::vector<JournalPose>& poses) {
   const std::string fresh = path_ + ".new";
   descriptor_ = ::open(fresh.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_APPEND | O_CLOEXEC, 0644);
   if (descriptor_ < 0) {
-    return unmade ? folder.string() + ": " + unmade.message()
-                  : path_ + ": " + std::strerror(errno);
+    return unmade ? folder.string() + ": " + unmade.message() : path_ + ": " + std::strerror(errno);
   }
   std::string error;
   for (const JournalPose& pose : poses) {

@@ -119,9 +119,9 @@ void need_room(const fs::path& folder, std::uint64_t bytes) {
   std::error_code unknown;
   const fs::space_info space = fs::space(folder, unknown);
   if (unknown || may_have_room(space, bytes)) return;
-  throw std::system_error(std::make_error_code(std::errc::no_space_on_device),
-                          "a compaction needs " + std::to_string((bytes >> 20) + 1) + " MiB in " +
-                              folder.string());
+  throw std::system_error(
+      std::make_error_code(std::errc::no_space_on_device),
+      "a compaction needs " + std::to_string((bytes >> 20) + 1) + " MiB in " + folder.string());
 }
 
 /// Leaves these first bytes of the file. An earlier map may have the file too (a hard link): there

@@ -142,10 +142,9 @@ bool TileStore::compact_if_due() {
 void TileStore::compact() {
   // Compaction may throw: entries_ keeps the old places until the new file is complete.
   std::map<std::string, Entry> moved = entries_;
-  log_.compact(
-      live_bytes_, [&](const std::function<Place(std::span<const std::uint8_t>)>& write) {
-        for (auto& [key, entry] : moved) entry.place = write(log_.read(entry.place));
-      });
+  log_.compact(live_bytes_, [&](const std::function<Place(std::span<const std::uint8_t>)>& write) {
+    for (auto& [key, entry] : moved) entry.place = write(log_.read(entry.place));
+  });
   entries_ = std::move(moved);
   log_.remove_compacted();
   if (!lacks_only_older_) return;

@@ -53,8 +53,7 @@ void OutputFile::write(const void* data, std::size_t size) {
 
 void OutputFile::close() {
   stream_.close();
-  if (!stream_ ||
-      (temporary_ != path_ && std::rename(temporary_.c_str(), path_.c_str()) != 0)) {
+  if (!stream_ || (temporary_ != path_ && std::rename(temporary_.c_str(), path_.c_str()) != 0)) {
     throw std::runtime_error("cannot write " + path_ + ": " + std::strerror(errno));
   }
   is_whole_ = true;

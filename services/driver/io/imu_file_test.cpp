@@ -107,8 +107,9 @@ TEST_F(ImuFile, RefusesStampsThatGoBackByASecond) {
     return text;
   };
   EXPECT_EQ(refusal(rows(2'000'000'000)),
-            path_ + ": its stamps go back from 5045000000 to 3050000000 ns: sort the lines by "
-                    "t_ns, or leave out those of another clock");
+            path_ +
+                ": its stamps go back from 5045000000 to 3050000000 ns: sort the lines by "
+                "t_ns, or leave out those of another clock");
   EXPECT_EQ(read(rows(500'000'000)).size(), 20U);
 }
 

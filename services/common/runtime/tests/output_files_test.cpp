@@ -123,8 +123,14 @@ TEST_F(OutputFolder, AListThatCannotBeReadOrNamesNoTextLosesNoFile) {
   EXPECT_THAT(files.made(path, {1, false, 120}), HasSubstr(kList));
   EXPECT_EQ(files.suffix({1, false, 130}, {"map.pcd"}), "_2");
   fs::remove(folder / kList);
-  put("stra\xdf" "e.pcd", "mine");
-  EXPECT_EQ(files.made((folder / "stra\xdf" "e.pcd").string(), {1, false, 120}), "");
+  put("stra\xdf"
+      "e.pcd",
+      "mine");
+  EXPECT_EQ(files.made((folder / "stra\xdf"
+                                 "e.pcd")
+                           .string(),
+                       {1, false, 120}),
+            "");
 }
 
 TEST_F(OutputFolder, CommandsWriteBelowTheFolderOnly) {

@@ -338,8 +338,7 @@ TEST(SharedParameters, SectionsThatNoProgramReadsAreUnknown) {
 
 TEST(SharedParameters, ThePublisherKeepsAllSweepsOfAReplaysWindow) {
   EXPECT_NO_THROW(load_shared("flow: {window: 64}\nrecovery: {keep_messages: 64}\n", {}));
-  EXPECT_THROW(load_shared("flow: {window: 65}\nrecovery: {keep_messages: 64}\n", {}),
-               ConfigError);
+  EXPECT_THROW(load_shared("flow: {window: 65}\nrecovery: {keep_messages: 64}\n", {}), ConfigError);
   try {
     load_shared("flow:\n  window: 100\n", {});
     ADD_FAILURE();
