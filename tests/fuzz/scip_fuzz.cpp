@@ -44,7 +44,7 @@ void check(const scip::TimedScan& timed) {
     if (echo.step < last || echo.number >= scip::kMostEchoes) std::abort();
     last = echo.step;
   }
-  if (timed.turns < 1) std::abort();
+  if (timed.turns < 0) std::abort();
 }
 
 void check(const DecodedSweep& sweep) {
