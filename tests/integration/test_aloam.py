@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.integration.conftest import Capture, digests, kill, monitor, simulate
-from tests.integration.live_run import SECONDS, SPARE_S, LiveRun
+from tests.integration.live_run import SECONDS, SPARE_S, LiveRun, one_quick
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.methods import programs
@@ -72,6 +72,7 @@ def test_each_takes_the_place_of_one_stage(
     assert ate_m(replay(build, capture, tmp_path, f"{stage}=aloam")) < ATE_M
 
 
+@pytest.mark.slow
 def test_with_deskewing(build: Path, capture: Capture, plain: Path, tmp_path: Path) -> None:
     assert ate_m(replay(build, capture, tmp_path, "aloam", "--set", "aloam.deskew=true")) < ATE_M
     # Otherwise the setting would have no effect, and the limit would be the plain method's.
@@ -79,7 +80,7 @@ def test_with_deskewing(build: Path, capture: Capture, plain: Path, tmp_path: Pa
     assert digests(tmp_path, odometry) != digests(plain, odometry)
 
 
-@pytest.mark.parametrize("stage", ALOAM)
+@pytest.mark.parametrize("stage", one_quick(tuple(ALOAM), "mapping"))
 def test_a_killed_program_is_started_again_and_every_pose_comes(
     build: Path, robot_file: Path, capture: Capture, tmp_path: Path, stage: str
 ) -> None:
@@ -103,6 +104,7 @@ def test_a_killed_program_is_started_again_and_every_pose_comes(
     assert found.sweeps.tolist() == list(range(len(found)))
 
 
+@pytest.mark.slow
 def test_a_new_odometry_frame_goes_on_where_the_last_pose_was(
     build: Path, robot_file: Path, tmp_path: Path
 ) -> None:

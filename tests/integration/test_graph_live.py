@@ -91,6 +91,7 @@ def smooth(path: Path) -> Trajectory:
     return found
 
 
+@pytest.mark.slow
 def test_each_map_of_a_run_has_its_own_files(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path
 ) -> None:
@@ -116,6 +117,7 @@ def test_each_map_of_a_run_has_its_own_files(
         assert len(clouds.read_pcd(tmp_path / f"map_world{number}.pcd")) > 0
 
 
+@pytest.mark.slow
 def test_a_graph_that_is_killed_after_the_driver_lacks_nothing(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path
 ) -> None:

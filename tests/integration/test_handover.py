@@ -144,6 +144,7 @@ def test_one_that_stands_still_is_overtaken_and_stands_by(
     assert "beginning again" in (tmp_path / f"{stage}.log").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", one_quick(REPLACED, "integration"))
 def test_one_whose_worker_hangs_is_overtaken_and_begins_again(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path, stage: str
@@ -233,6 +234,7 @@ def replayed(build: Path, robot_file: Path, drive: Capture, out: Path, every: in
     return done
 
 
+@pytest.mark.slow
 def test_a_replay_with_hand_overs(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path
 ) -> None:

@@ -118,6 +118,7 @@ def ate_m(build: Path, out: Path, pcap: Path, truth: Path, *settings: str) -> tu
     return report["ate_rmse_m"]["pose"], report
 
 
+@pytest.mark.slow
 def test_the_trajectory_is_as_good_as_the_other_sensors(
     build: Path, drive: Capture, tmp_path: Path
 ) -> None:

@@ -63,6 +63,7 @@ def test_calibration_of_an_encoder_that_counts_backward(build: Path, tmp_path: P
     assert found["motor"]["turn_s"] == 1.5
 
 
+@pytest.mark.slow
 def test_a_calibration_without_a_mount_says_what_it_assumes(build: Path, tmp_path: Path) -> None:
     session = simulated.at_rest(build, tmp_path / "still", "indoor", 7)
     command = [str(build / "bin" / "zloam-calibrate"), str(session.log)]
@@ -194,6 +195,7 @@ def test_what_a_calibration_leaves_out_is_told(build: Path, short: Session, tmp_
     assert re.search(rf"{re.escape(str(angles))}: readings .* left out: 2\n", said), said
 
 
+@pytest.mark.slow
 def test_a_platform_that_moves_is_not_calibrated(build: Path, tmp_path: Path) -> None:
     where = ["--world", "indoor", "--seed", 4, "--speed-factor", 0.35, "--duration", SECONDS]
     drive = simulated.session(build, tmp_path / "drive", *where)

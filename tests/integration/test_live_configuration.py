@@ -157,6 +157,7 @@ def test_in_force_at_its_sweep_everywhere_and_the_same_in_a_replay(
     assert digests(tmp_path / "again", FILES) == live
 
 
+@pytest.mark.slow
 def test_replicas_that_disagree_for_a_while_cost_work_only(
     build: Path, robot_file: Path, capture: Capture, tmp_path: Path
 ) -> None:

@@ -78,6 +78,7 @@ def test_it_is_found_where_the_map_was_left_and_the_map_stays(
     assert len(before ^ after) < 0.001 * len(before)
 
 
+@pytest.mark.slow
 def test_a_second_time_gives_the_same_bytes(
     build: Path, again: Capture, mapped: Path, tmp_path: Path
 ) -> None:
@@ -105,6 +106,7 @@ def test_it_is_found_without_a_hint(
     assert off[ok].max() < 0.15, said
 
 
+@pytest.mark.slow
 def test_another_world_is_not_the_map(build: Path, mapped: Path, tmp_path: Path) -> None:
     other = simulate(build, tmp_path, "--world", "indoor", "--seed", "2", "--duration", "20")
     said = localized(build, other, mapped, tmp_path / "out")
@@ -146,7 +148,8 @@ def map_info(build: Path, folder: Path) -> dict[str, Any]:
     return session
 
 
-@pytest.mark.parametrize("mode", one_quick(("localize", "extend"), "extend"))
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["localize", "extend"])
 def test_a_store_that_comes_late_keeps_its_map(
     build: Path, robot_file: Path, again: Capture, mapped: Path, tmp_path: Path, mode: str
 ) -> None:
@@ -181,7 +184,7 @@ def test_a_store_that_comes_late_keeps_its_map(
     assert (after["submaps"] == before["submaps"]) or mode == "extend"
 
 
-@pytest.mark.parametrize("mode", ["localize", "extend"])
+@pytest.mark.parametrize("mode", one_quick(("localize", "extend"), "extend"))
 def test_a_store_without_a_map_is_named_as_long_as_it_has_none(
     build: Path, robot_file: Path, again: Capture, tmp_path: Path, mode: str
 ) -> None:
@@ -198,6 +201,7 @@ def test_a_store_without_a_map_is_named_as_long_as_it_has_none(
         run.end()
 
 
+@pytest.mark.slow
 def test_a_map_is_extended_from_where_the_robot_is_found(
     build: Path, first: Capture, mapped: Path, tmp_path: Path
 ) -> None:

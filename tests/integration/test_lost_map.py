@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.integration.conftest import Capture, simulate
-from tests.integration.live_run import IN_MAP, KILL_AT, SECONDS, SPARE_S, LiveRun
+from tests.integration.live_run import IN_MAP, KILL_AT, SECONDS, SPARE_S, LiveRun, one_quick
 from zloam_monitor.methods import programs
 
 #: without a method, and A-LOAM's programs
@@ -47,7 +47,7 @@ def killed(run: LiveRun, *stages: str) -> tuple[str, list[int]]:
     return said, list(dict.fromkeys(pose.map_id for pose in run.mapped.values()))
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", one_quick(METHODS, ""))
 def test_the_next_map_has_another_name_and_the_same_frame(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path, method: str
 ) -> None:
@@ -59,7 +59,7 @@ def test_the_next_map_has_another_name_and_the_same_frame(
     assert new > lost
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", one_quick(METHODS, ""))
 def test_without_integration_the_frame_is_lost_too(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path, method: str
 ) -> None:
@@ -70,7 +70,7 @@ def test_without_integration_the_frame_is_lost_too(
     assert new > lost
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", one_quick(METHODS, ""))
 def test_the_store_has_map_and_frame_without_integration(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path, method: str
 ) -> None:

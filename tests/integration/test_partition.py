@@ -64,6 +64,7 @@ def cut(run: LiveRun, other: Far) -> None:
     other.link("up")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("works", one_quick(("near", "far"), "far"))
 @pytest.mark.parametrize("stage", one_quick(REPLACED, "odometry"))
 def test_a_cut_link_costs_no_pose(

@@ -398,6 +398,7 @@ def test_an_imu_of_either_byte_order_becomes_the_robots(heard: Heard) -> None:
         assert tuple(rate) == (0.125, -0.25, 0.5)
 
 
+@pytest.mark.slow
 def test_the_map_stays_when_the_driver_starts_again(
     build: Path, robot_file: Path, tmp_path: Path
 ) -> None:

@@ -35,6 +35,7 @@ def demo(build: Path, capture: Capture, out: Path, mount: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_without_room_messages_go_through_sockets(
     build: Path, capture: Capture, tmp_path: Path
 ) -> None:

@@ -139,6 +139,7 @@ def inertial(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Inertial:
     return Inertial(pcap, csv, bag, readings)
 
 
+@pytest.mark.slow
 def test_inertial_readings_of_a_bag_are_those_of_a_table(
     build: Path, inertial: Inertial, tmp_path: Path
 ) -> None:
