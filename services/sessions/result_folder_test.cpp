@@ -7,30 +7,24 @@
 #include <stdexcept>
 #include <string>
 
+#include "common/geometry/test_folder.hpp"
+
 namespace zloam::sessions {
 namespace {
 
 namespace fs = std::filesystem;
 
-class ResultFolderTest : public testing::Test {
+class ResultFolderTest : public InFolder {
  protected:
-  ResultFolderTest() {
-    std::string name = (fs::temp_directory_path() / "zloam-result-XXXXXX").string();
-    root_ = mkdtemp(name.data());
-  }
-  ~ResultFolderTest() override { fs::remove_all(root_); }
-
   /// Writes a file of a merge into the folder.
   static void write(const ResultFolder& out) {
     fs::create_directories(out.path());
     std::ofstream(out.path() / "graph.g2o") << "graph";
   }
-
-  fs::path root_;
 };
 
 TEST_F(ResultFolderTest, OfAFailureNothingIsLeftAndTheFolderCanBeNamedAgain) {
-  const fs::path missing = root_ / "missing", empty = root_ / "empty";
+  const fs::path missing = folder_ / "missing", empty = folder_ / "empty";
   fs::create_directory(empty);
   for (const fs::path& folder : {missing, empty}) {
     write(ResultFolder(folder));
@@ -45,16 +39,16 @@ TEST_F(ResultFolderTest, OfAFailureNothingIsLeftAndTheFolderCanBeNamedAgain) {
 }
 
 TEST_F(ResultFolderTest, FilesOfOthersStay) {
-  std::ofstream(root_ / "map.pcd") << "mine";
-  EXPECT_THROW(ResultFolder out(root_), std::runtime_error);
-  EXPECT_THROW(ResultFolder out(root_ / "map.pcd"), std::runtime_error);
-  EXPECT_TRUE(fs::exists(root_ / "map.pcd"));
+  std::ofstream(folder_ / "map.pcd") << "mine";
+  EXPECT_THROW(ResultFolder out(folder_), std::runtime_error);
+  EXPECT_THROW(ResultFolder out(folder_ / "map.pcd"), std::runtime_error);
+  EXPECT_TRUE(fs::exists(folder_ / "map.pcd"));
 }
 
 // As one to a disk that is not mounted.
 TEST_F(ResultFolderTest, ALinkThatLeadsNowhereStays) {
-  const fs::path link = root_ / "link";
-  fs::create_symlink(root_ / "nowhere", link);
+  const fs::path link = folder_ / "link";
+  fs::create_symlink(folder_ / "nowhere", link);
   EXPECT_THROW(ResultFolder out(link), std::runtime_error);
   EXPECT_TRUE(fs::is_symlink(link));
 }

@@ -7,6 +7,7 @@
 #include <system_error>
 
 #include "common/geometry/test_file_limit.hpp"
+#include "common/geometry/test_folder.hpp"
 #include "store/tile_store.hpp"
 
 namespace zloam::store {
@@ -14,14 +15,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class FullDisk : public testing::Test {
+class FullDisk : public InFolder {
  protected:
-  FullDisk() {
-    std::string name = (fs::temp_directory_path() / "zloam-full-XXXXXX").string();
-    root_ = mkdtemp(name.data());
-  }
-  ~FullDisk() override { fs::remove_all(root_); }
-  fs::path root_;
 };
 
 StoredMessage message(const std::string& key, std::size_t bytes) {
@@ -32,22 +27,22 @@ TEST_F(FullDisk, ACompactionThatFindsNoRoomLeavesIt) {
   StoreLimits limits;
   // A segment for each record, so that only the compaction writes a long file.
   limits.log.segment_bytes = 1000;
-  TileStore store(root_, limits);
+  TileStore store(folder_, limits);
   for (const char* key : {"a", "b", "c"}) store.put(message(key, 1000));
   {
     const FileLimit limit(2000);
     EXPECT_THROW(store.compact(), std::system_error);
-    EXPECT_FALSE(fs::exists(root_ / "compaction.tmp"));
+    EXPECT_FALSE(fs::exists(folder_ / "compaction.tmp"));
     store.put(message("d", 1000));
   }
   EXPECT_EQ(store.get("loam/r/map/tile/a")->payload.size(), 1000U);
   store.compact();
-  EXPECT_EQ(TileStore(root_, limits, Access::kRead).keys().size(), 4U);
+  EXPECT_EQ(TileStore(folder_, limits, Access::kRead).keys().size(), 4U);
 }
 
 // The store tries again each second.
 TEST_F(FullDisk, ACompactionThatNeedsMoreRoomThanThereIsWritesNothing) {
-  RecordLog log(root_, {}, [](std::span<const std::uint8_t>, const Place&) {});
+  RecordLog log(folder_, {}, [](std::span<const std::uint8_t>, const Place&) {});
   const std::uint64_t before = changes();
   bool is_asked = false;
   try {
@@ -55,7 +50,7 @@ TEST_F(FullDisk, ACompactionThatNeedsMoreRoomThanThereIsWritesNothing) {
     ADD_FAILURE() << "done without room";
   } catch (const std::system_error& e) {
     EXPECT_EQ(e.code(), std::errc::no_space_on_device);
-    EXPECT_NE(std::string(e.what()).find(root_.string()), std::string::npos) << e.what();
+    EXPECT_NE(std::string(e.what()).find(folder_.string()), std::string::npos) << e.what();
   }
   EXPECT_FALSE(is_asked);
   EXPECT_EQ(changes(), before);

@@ -12,6 +12,7 @@
 #include <map>
 #include <random>
 
+#include "common/geometry/test_folder.hpp"
 #include "store/crc32c.hpp"
 #include "store/tile_store.hpp"
 
@@ -21,14 +22,8 @@ namespace {
 namespace fs = std::filesystem;
 using testing::ElementsAre;
 
-class Store : public testing::Test {
+class Store : public InFolder {
  protected:
-  Store() {
-    std::string name = (fs::temp_directory_path() / "zloam-store-XXXXXX").string();
-    root_ = mkdtemp(name.data());
-  }
-  ~Store() override { fs::remove_all(root_); }
-  fs::path root_;
 };
 
 StoredMessage message(const std::string& key, std::uint64_t version, std::size_t size = 40) {
@@ -65,41 +60,41 @@ TEST(Crc32c, KnownVectors) {
 }
 
 TEST_F(Store, TwoProcessesDoNotWriteIntoOneFolder) {
-  TileStore store(root_ / "s", {});
+  TileStore store(folder_ / "s", {});
   store.put(message("a", 1));
   try {
-    TileStore second(root_ / "s", {});
+    TileStore second(folder_ / "s", {});
     FAIL() << "opened twice";
   } catch (const std::system_error& e) {
     EXPECT_THAT(e.what(), testing::HasSubstr("is in use by another store"));
   }
   // Reading changes nothing, also while a record is being written.
-  std::ofstream(last_segment(root_ / "s"), std::ios::app) << "half a rec";
-  const auto size = fs::file_size(last_segment(root_ / "s"));
-  EXPECT_EQ(TileStore(root_ / "s", {}, Access::kRead).keys().size(), 1U);
-  EXPECT_EQ(fs::file_size(last_segment(root_ / "s")), size);
+  std::ofstream(last_segment(folder_ / "s"), std::ios::app) << "half a rec";
+  const auto size = fs::file_size(last_segment(folder_ / "s"));
+  EXPECT_EQ(TileStore(folder_ / "s", {}, Access::kRead).keys().size(), 1U);
+  EXPECT_EQ(fs::file_size(last_segment(folder_ / "s")), size);
 }
 
 TEST_F(Store, TheGreatestRankWinsWhateverTheOrder) {
   std::vector<Rank> ranks = {{1, 1, 5}, {1, 1, 4}, {1, 2, 1}, {1, 1, 9}, {1, 2, 2}};
   std::sort(ranks.begin(), ranks.end());
   do {
-    fs::remove_all(root_ / "s");
-    TileStore store(root_ / "s", {});
+    fs::remove_all(folder_ / "s");
+    TileStore store(folder_ / "s", {});
     for (const Rank& rank : ranks) {
       StoredMessage m = message("a", rank.version);
       m.rank = rank;
       store.put(m);
     }
     ASSERT_EQ(store.rank("loam/r/map/tile/a"), (Rank{1, 2, 2}));
-    ASSERT_EQ(TileStore(root_ / "s", {}, Access::kRead).get("loam/r/map/tile/a")->payload,
+    ASSERT_EQ(TileStore(folder_ / "s", {}, Access::kRead).get("loam/r/map/tile/a")->payload,
               message("a", 2).payload);
   } while (std::next_permutation(ranks.begin(), ranks.end()));
 }
 
 TEST_F(Store, ANewMapPutsTheOldOneAway) {
   {
-    TileStore store(root_, {});
+    TileStore store(folder_, {});
     store.put(message("a", 7));
     store.put(message("b", 8));
     StoredMessage next = message("c", 1);
@@ -109,7 +104,7 @@ TEST_F(Store, ANewMapPutsTheOldOneAway) {
     EXPECT_EQ(store.put(message("a", 99)), PutResult::kOld);
     store.compact();
   }
-  TileStore again(root_, {});
+  TileStore again(folder_, {});
   EXPECT_EQ(again.newest_map(), 2U);
   EXPECT_EQ(again.keys().size(), 1U);
   EXPECT_EQ(again.recovery().records, 1U) << "the old map's records are gone from the disk";
@@ -118,16 +113,16 @@ TEST_F(Store, ANewMapPutsTheOldOneAway) {
 TEST_F(Store, CutAtEveryByteKeepsAllRecordsBefore) {
   std::vector<std::uint64_t> ends = {0};
   {
-    TileStore store(root_ / "whole", {});
+    TileStore store(folder_ / "whole", {});
     for (std::uint64_t v = 1; v <= 5; ++v) {
       store.put(message(std::string(1, static_cast<char>('a' + v)), v, 20 + 3 * v));
       ends.push_back(store.log_bytes());
     }
   }
-  const std::vector<std::uint8_t> whole = ReadFile(last_segment(root_ / "whole")).all();
+  const std::vector<std::uint8_t> whole = ReadFile(last_segment(folder_ / "whole")).all();
   ASSERT_EQ(whole.size(), ends.back());
   for (std::size_t cut = 0; cut <= whole.size(); ++cut) {
-    const fs::path folder = root_ / "cut";
+    const fs::path folder = folder_ / "cut";
     fs::remove_all(folder);
     fs::create_directories(folder);
     std::ofstream(folder / "00000001.log", std::ios::binary)
@@ -151,10 +146,10 @@ TEST_F(Store, CutAtEveryByteKeepsAllRecordsBefore) {
 
 TEST_F(Store, AFlippedBitEndsTheLogThere) {
   {
-    TileStore store(root_, {});
+    TileStore store(folder_, {});
     for (const char* key : {"a", "b", "c"}) store.put(message(key, 1));
   }
-  const fs::path segment = last_segment(root_);
+  const fs::path segment = last_segment(folder_);
   const std::vector<std::uint8_t> whole = ReadFile(segment).all();
   const std::size_t record = whole.size() / 3;
   // A record that seems to be longer than the file looks like one that a kill cut short, and so does
@@ -163,7 +158,7 @@ TEST_F(Store, AFlippedBitEndsTheLogThere) {
     return at % record < 4 || at >= 2 * record;
   };
   for (std::size_t at = 0; at < whole.size(); ++at) {
-    const fs::path folder = root_ / "flipped";
+    const fs::path folder = folder_ / "flipped";
     fs::remove_all(folder);
     fs::create_directories(folder);
     std::vector<std::uint8_t> bad = whole;
@@ -183,23 +178,23 @@ TEST_F(Store, AFlippedBitEndsTheLogThere) {
 }
 
 TEST_F(Store, ZerosAfterAPowerFailureAreNoRecords) {
-  { TileStore(root_, {}).put(message("a", 1)); }
-  std::ofstream(last_segment(root_), std::ios::binary | std::ios::app) << std::string(4096, '\0');
-  TileStore store(root_, {});
+  { TileStore(folder_, {}).put(message("a", 1)); }
+  std::ofstream(last_segment(folder_), std::ios::binary | std::ios::app) << std::string(4096, '\0');
+  TileStore store(folder_, {});
   EXPECT_EQ(store.keys().size(), 1U);
   EXPECT_EQ(store.recovery().cut_bytes, 4096U);
   EXPECT_FALSE(store.recovery().damaged);
 }
 
 TEST_F(Store, ARecordThatAPowerFailureFilledUpWithZerosIsNoDamage) {
-  { TileStore(root_, {}).put(message("a", 1)); }
-  const fs::path segment = last_segment(root_);
+  { TileStore(folder_, {}).put(message("a", 1)); }
+  const fs::path segment = last_segment(folder_);
   const std::vector<std::uint8_t> record = ReadFile(segment).all();
   std::ofstream(segment, std::ios::binary | std::ios::app)
           .write(reinterpret_cast<const char*>(record.data()),
                  static_cast<std::streamsize>(record.size() / 2))
       << std::string(4096, '\0');
-  const TileStore store(root_, {});
+  const TileStore store(folder_, {});
   EXPECT_EQ(store.keys().size(), 1U);
   EXPECT_FALSE(store.recovery().damaged);
 }
@@ -208,13 +203,13 @@ TEST_F(Store, SegmentsBehindABadRecordAreSetAside) {
   StoreLimits small;
   small.log.segment_bytes = 100;
   {
-    TileStore store(root_, small);
+    TileStore store(folder_, small);
     for (std::uint64_t v = 1; v <= 4; ++v)
       store.put(message(std::string(1, static_cast<char>('a' + v)), v));
   }
-  fs::resize_file(root_ / "00000002.log", 10);
+  fs::resize_file(folder_ / "00000002.log", 10);
   for (const Access access : {Access::kRead, Access::kWrite}) {
-    const TileStore store(root_, small, access);
+    const TileStore store(folder_, small, access);
     EXPECT_THAT(store.keys(), ElementsAre(message("b", 1).key));
     EXPECT_EQ(store.recovery().ignored_segments, 2U);
     EXPECT_TRUE(store.recovery().damaged);
@@ -229,7 +224,7 @@ TEST_F(Store, CompactionKeepsWhatHoldsAndNothingElse) {
   std::mt19937 random(7);  // NOLINT: the same each time
   int compactions = 0;
   {
-    TileStore store(root_, small);
+    TileStore store(folder_, small);
     for (std::uint64_t v = 1; v <= 400; ++v) {
       const StoredMessage m =
           message(std::string(1, static_cast<char>('a' + random() % 6)), v, v % 50);
@@ -241,7 +236,7 @@ TEST_F(Store, CompactionKeepsWhatHoldsAndNothingElse) {
     EXPECT_LT(store.log_bytes(), 3000U);
   }
   EXPECT_GT(compactions, 3);
-  const TileStore store(root_, small);
+  const TileStore store(folder_, small);
   ASSERT_EQ(store.keys().size(), model.size());
   for (const auto& [key, m] : model) {
     EXPECT_EQ(store.get(key)->payload, m.payload);
@@ -250,12 +245,12 @@ TEST_F(Store, CompactionKeepsWhatHoldsAndNothingElse) {
 }
 
 TEST_F(Store, AReaderKeepsTheMapThatAWriterCompacts) {
-  TileStore store(root_, {});
+  TileStore store(folder_, {});
   for (const char* key : {"a", "b", "c"}) store.put(message(key, 1));
-  const TileStore reader(root_, {}, Access::kRead);
+  const TileStore reader(folder_, {}, Access::kRead);
   store.put(message("a", 2));
   store.compact();
-  ASSERT_FALSE(fs::exists(root_ / "00000001.log"));
+  ASSERT_FALSE(fs::exists(folder_ / "00000001.log"));
   for (const char* key : {"a", "b", "c"}) {
     EXPECT_EQ(reader.get(message(key, 1).key)->payload, message(key, 1).payload);
   }
@@ -278,7 +273,7 @@ TEST_F(Store, AFileThatIsMissingIsNamed) {
   for (const Case& c : {Case{"00000002.log", false, 5}, Case{"00000004.base", true, 2},
                         Case{"00000005.log", true, 5}}) {
     for (const Access access : {Access::kRead, Access::kWrite}) {
-      const fs::path folder = root_ / c.removed / std::to_string(static_cast<int>(access));
+      const fs::path folder = folder_ / c.removed / std::to_string(static_cast<int>(access));
       fs::create_directories(folder);
       fill(folder, c.compacted);
       EXPECT_EQ(TileStore(folder, small, Access::kRead).recovery().missing, "");
@@ -296,13 +291,13 @@ TEST_F(Store, AFolderThatLacksAFileIsWholeAgainWithANewMap) {
   StoreLimits small;
   small.log.segment_bytes = 100;
   {
-    TileStore store(root_, small);
+    TileStore store(folder_, small);
     for (const char* key : {"a", "b", "c"}) store.put(message(key, 1));
   }
-  ASSERT_TRUE(fs::remove(root_ / "00000002.log"));
+  ASSERT_TRUE(fs::remove(folder_ / "00000002.log"));
   StoredMessage next = message("a", 1);
   {
-    TileStore store(root_, small);
+    TileStore store(folder_, small);
     store.put(message("d", 1));
     EXPECT_FALSE(store.compact_if_due()) << "the map that lacks a part is still there";
     next.rank.map_id = 2;
@@ -312,7 +307,7 @@ TEST_F(Store, AFolderThatLacksAFileIsWholeAgainWithANewMap) {
     EXPECT_EQ(store.recovery().missing, "");
     EXPECT_FALSE(store.compact_if_due());
   }
-  const TileStore store(root_, small, Access::kRead);
+  const TileStore store(folder_, small, Access::kRead);
   EXPECT_FALSE(store.recovery().damaged) << store.recovery().missing;
   EXPECT_THAT(store.keys(), ElementsAre(next.key));
 }
@@ -321,31 +316,31 @@ TEST_F(Store, ARecordOfALaterVersionIsCountedUntilAnotherMapReplacesIt) {
   {
     std::vector<std::uint8_t> body = pack(message("a", 1));
     body.front() = 0xFF;
-    RecordLog(root_, {}, [](std::span<const std::uint8_t>, const Place&) {}).append(body);
+    RecordLog(folder_, {}, [](std::span<const std::uint8_t>, const Place&) {}).append(body);
   }
-  TileStore store(root_, {});
+  TileStore store(folder_, {});
   EXPECT_EQ(store.unreadable(), 1U);
   EXPECT_TRUE(store.keys().empty());
   store.put(message("b", 1));
   store.compact();
   EXPECT_EQ(store.unreadable(), 0U);
-  EXPECT_EQ(TileStore(root_, {}, Access::kRead).unreadable(), 0U);
+  EXPECT_EQ(TileStore(folder_, {}, Access::kRead).unreadable(), 0U);
 }
 
 TEST_F(Store, TheNumberOfAFileThatWasSetAsideIsUsedAgain) {
   StoreLimits small;
   small.log.segment_bytes = 100;
   {
-    TileStore store(root_, small);
+    TileStore store(folder_, small);
     for (const char* key : {"a", "b", "c"}) store.put(message(key, 1));
   }
-  fs::resize_file(root_ / "00000001.log", 10);
-  TileStore(root_, small).put(message("d", 1));
+  fs::resize_file(folder_ / "00000001.log", 10);
+  TileStore(folder_, small).put(message("d", 1));
   // As the store advises.
   for (const char* number : {"00000002", "00000003"}) {
-    ASSERT_TRUE(fs::remove(root_ / (std::string(number) + ".log.ignored")));
+    ASSERT_TRUE(fs::remove(folder_ / (std::string(number) + ".log.ignored")));
   }
-  const TileStore store(root_, small);
+  const TileStore store(folder_, small);
   EXPECT_FALSE(store.recovery().damaged) << store.recovery().missing;
   EXPECT_THAT(store.keys(), ElementsAre(message("d", 1).key));
 }
@@ -356,26 +351,26 @@ TEST_F(Store, WhatAnEarlierDamageLeftIsNotReplaced) {
   std::map<std::string, std::vector<std::uint8_t>> left;
   for (const std::uint64_t version : {1U, 2U}) {
     {
-      TileStore store(root_, small);
+      TileStore store(folder_, small);
       for (const char* key : {"a", "b", "c", "d", "e", "f", "g", "h"}) {
         store.put(message(key, version));
       }
     }
     // In the first of two records, before the three other segments.
-    const fs::path first = filled_segments(root_).front();
+    const fs::path first = filled_segments(folder_).front();
     std::fstream file(first, std::ios::in | std::ios::out | std::ios::binary);
     file.seekp(50);
     file.put('\0');
     file.close();
-    EXPECT_TRUE(TileStore(root_, small).keys().empty());
-    for (const auto& entry : fs::directory_iterator(root_)) {
+    EXPECT_TRUE(TileStore(folder_, small).keys().empty());
+    for (const auto& entry : fs::directory_iterator(folder_)) {
       if (entry.path().extension() != ".ignored") continue;
       const std::vector<std::uint8_t> bytes = ReadFile(entry.path()).all();
       const auto [known, is_new] = left.try_emplace(entry.path().filename().string(), bytes);
       EXPECT_EQ(known->second, bytes) << entry.path();
     }
     EXPECT_EQ(left.size(), 4 * version);
-    EXPECT_EQ(TileStore(root_, small, Access::kRead).recovery().ignored_segments, 4 * version);
+    EXPECT_EQ(TileStore(folder_, small, Access::kRead).recovery().ignored_segments, 4 * version);
   }
 }
 
@@ -383,15 +378,15 @@ TEST_F(Store, WhatAnEarlierDamageLeftIsNotReplaced) {
 TEST_F(Store, WhatIsStoredAfterASegmentCouldNotBeCreatedIsReadable) {
   StoreLimits small;
   small.log.segment_bytes = 200;
-  TileStore store(root_, small);
+  TileStore store(folder_, small);
   store.put(message("a", 1));
-  fs::create_directory(root_ / "00000002.log");
+  fs::create_directory(folder_ / "00000002.log");
   EXPECT_THROW(store.put(message("b", 1, 150)), std::system_error);
   store.put(message("c", 1, 0));
   EXPECT_EQ(store.get(message("c", 1).key)->payload.size(), 0U);
   store.compact();
   EXPECT_THROW(store.put(message("b", 1, 150)), std::system_error);
-  fs::remove(root_ / "00000002.log");
+  fs::remove(folder_ / "00000002.log");
   store.put(message("b", 1, 150));
   store.compact();
   store.put(message("d", 1));
@@ -399,7 +394,7 @@ TEST_F(Store, WhatIsStoredAfterASegmentCouldNotBeCreatedIsReadable) {
     EXPECT_EQ(store.get(message(key, 1).key)->payload, message(key, 1).payload);
   }
   EXPECT_EQ(store.get(message("b", 1).key)->payload, message("b", 1, 150).payload);
-  const TileStore again(root_, small, Access::kRead);
+  const TileStore again(folder_, small, Access::kRead);
   EXPECT_EQ(again.keys().size(), 4U);
   EXPECT_FALSE(again.recovery().damaged) << again.recovery().missing;
 }
@@ -409,9 +404,9 @@ TEST_F(Store, WhatIsStoredAfterASegmentCouldNotBeCreatedIsReadable) {
 TEST_F(Store, WhatCouldNotBeSyncedIsKnownWhoeverNeededIt) {
   StoreLimits small;
   small.log.segment_bytes = 100;
-  TileStore store(root_, small);
+  TileStore store(folder_, small);
   store.put(message("a", 1));
-  fs::create_symlink("/dev/null", root_ / "00000002.log");
+  fs::create_symlink("/dev/null", folder_ / "00000002.log");
   store.put(message("b", 1));
   EXPECT_EQ(store.sync_error(), "");
   EXPECT_THROW(store.put(message("c", 1)), std::system_error);
@@ -462,7 +457,7 @@ Outcome run_until(const fs::path& folder, std::uint64_t die_at) {
 
 TEST_F(Store, KilledAtEveryChangeOfTheDiskNothingAcknowledgedIsLost) {
   for (std::uint64_t die_at = 1;; ++die_at) {
-    const fs::path folder = root_ / std::to_string(die_at);
+    const fs::path folder = folder_ / std::to_string(die_at);
     const Outcome outcome = run_until(folder, die_at);
     TileStore store(folder, {});
     for (int k = 0; k < 5; ++k) {
@@ -493,8 +488,8 @@ TEST_F(Store, KilledAtEveryChangeOfTheDiskNothingAcknowledgedIsLost) {
 }
 
 TEST_F(Store, AFolderThatCantBeHadIsSaid) {
-  std::ofstream(root_ / "file") << "x";
-  EXPECT_THROW(TileStore(root_ / "file", {}), std::system_error);
+  std::ofstream(folder_ / "file") << "x";
+  EXPECT_THROW(TileStore(folder_ / "file", {}), std::system_error);
 }
 
 }  // namespace

@@ -9,20 +9,15 @@
 #include <string>
 
 #include "common/geometry/test_file_limit.hpp"
+#include "common/geometry/test_folder.hpp"
 
 namespace zloam {
 namespace {
 
 namespace fs = std::filesystem;
 
-class AtomicFile : public testing::Test {
+class AtomicFile : public InFolder {
  protected:
-  AtomicFile() {
-    std::string name = (fs::temp_directory_path() / "zloam-atomic-XXXXXX").string();
-    folder_ = mkdtemp(name.data());
-  }
-  ~AtomicFile() override { fs::remove_all(folder_); }
-  fs::path folder_;
 };
 
 TEST_F(AtomicFile, AFolderThatCannotBeMadeIsNamedWithItsReason) {

@@ -11,27 +11,22 @@
 #include <stdexcept>
 
 #include "common/geometry/test_file_limit.hpp"
+#include "common/geometry/test_folder.hpp"
 
 namespace zloam {
 namespace {
 
 namespace fs = std::filesystem;
 
-class OutputFileTest : public testing::Test {
+class OutputFileTest : public InFolder {
  protected:
-  OutputFileTest() {
-    std::string name = (fs::temp_directory_path() / "zloam-output-XXXXXX").string();
-    folder_ = mkdtemp(name.data());
-    path_ = (folder_ / "out.csv").string();
-  }
-  ~OutputFileTest() override { fs::remove_all(folder_); }
+  OutputFileTest() { path_ = (folder_ / "out.csv").string(); }
 
   std::string text() const {
     std::ifstream file(path_);
     return {std::istreambuf_iterator<char>(file), {}};
   }
 
-  fs::path folder_;
   std::string path_;
 };
 

@@ -71,6 +71,23 @@ struct Dialogue {
   std::int64_t now_ns = 1'700'000'000 * kSecond;
 };
 
+/// A recorded session, read up to the scanner's parameters. measured: the command that its scans
+/// answer.
+struct Session : Dialogue {
+  explicit Session(const std::string& measured) : Dialogue(replayed()) {
+    device.measured = measured;
+    connect();
+    give(answer("PP", "00", TestDevice::parameters()));
+  }
+
+ private:
+  static ClientConfig replayed() {
+    ClientConfig config;
+    config.asks = false;
+    return config;
+  }
+};
+
 TEST(ScipDialogue, AScannerInScip1IsChangedToScip2) {
   Dialogue dialogue;
   dialogue.device.scip1 = true;
@@ -130,12 +147,7 @@ TEST(ScipDialogue, AnUnstableScannerThatMeasuresIsNotRebooted) {
 }
 
 TEST(ScipDialogue, FaultsInASessionAreCountedAndReadOver) {
-  ClientConfig config;
-  config.asks = false;
-  Dialogue dialogue(config);
-  dialogue.device.measured = "ME0000108001000";
-  dialogue.connect();
-  dialogue.give(answer("PP", "00", TestDevice::parameters()));
+  Session dialogue("ME0000108001000");
   dialogue.give(answer("II", "00", {told("STAT:Sensor is abnormal")}));
   for (int i = 0; i < 60; ++i) {
     dialogue.pass_quietly(25 * kMs);
@@ -207,11 +219,7 @@ TEST(ScipDialogue, ASessionWithoutStepsInTheWindowIsNamed) {
 }
 
 TEST(ScipDialogue, ASessionsRefusedMeasurementIsNamed) {
-  ClientConfig config;
-  config.asks = false;
-  Dialogue dialogue(config);
-  dialogue.connect();
-  dialogue.give(answer("PP", "00", TestDevice::parameters()));
+  Session dialogue("");
   dialogue.give(answer("BM", "02"));
   dialogue.give(answer("ME0000108001000", "0E"));
   EXPECT_EQ(dialogue.client.remarks(),
@@ -230,12 +238,7 @@ TEST(ScipDialogue, ASessionsRefusedMeasurementIsNamed) {
 }
 
 TEST(ScipDialogue, SingleScansDoNotDisturbTheCountOfRevolutions) {
-  ClientConfig config;
-  config.asks = false;
-  Dialogue dialogue(config);
-  dialogue.device.measured = "MD0180090001000";
-  dialogue.connect();
-  dialogue.give(answer("PP", "00", TestDevice::parameters()));
+  Session dialogue("MD0180090001000");
   // One each second before the measurement, and one of a revolution that is measured.
   std::vector<std::int64_t> expected = {1, 40, 40, 40, 40};
   for (int i = 0; i < 5; ++i) {
@@ -259,12 +262,7 @@ TEST(ScipDialogue, SingleScansDoNotDisturbTheCountOfRevolutions) {
 }
 
 TEST(ScipDialogue, ASingleScanBetweenLinesWithSkippedScans) {
-  ClientConfig config;
-  config.asks = false;
-  Dialogue dialogue(config);
-  dialogue.device.measured = "MD0180090001300";
-  dialogue.connect();
-  dialogue.give(answer("PP", "00", TestDevice::parameters()));
+  Session dialogue("MD0180090001300");
   std::vector<std::int64_t> expected;
   for (int i = 0; i < 20; ++i) {
     dialogue.give(dialogue.device.scan());
