@@ -4,6 +4,8 @@
 
 #include <gmock/gmock.h>
 
+#include "common/runtime/tests/refusal.hpp"
+
 namespace zloam::driver {
 namespace {
 
@@ -13,12 +15,7 @@ std::string refusal(const std::vector<std::string>& settings) {
   DriverConfig config;
   runtime::Parameters parameters;
   bind(parameters, config);
-  try {
-    parameters.load(std::nullopt, settings);
-  } catch (const runtime::ConfigError& e) {
-    return e.what();
-  }
-  return {};
+  return runtime::test::refusal_of(parameters, settings);
 }
 
 TEST(DriverParameters, ABodyBoxWithoutInsideIsRefused) {

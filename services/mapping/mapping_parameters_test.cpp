@@ -4,7 +4,7 @@
 
 #include <gmock/gmock.h>
 
-#include "common/runtime/parameters.hpp"
+#include "common/runtime/tests/refusal.hpp"
 
 namespace zloam::mapping {
 namespace {
@@ -16,12 +16,7 @@ std::string refusal(const std::vector<std::string>& settings) {
   OutputConfig output;
   runtime::Parameters parameters;
   bind(parameters, config, output);
-  try {
-    parameters.load(std::nullopt, settings);
-  } catch (const runtime::ConfigError& e) {
-    return e.what();
-  }
-  return {};
+  return runtime::test::refusal_of(parameters, settings);
 }
 
 TEST(MappingParameters, NumbersOfTilesAreOdd) {

@@ -5,6 +5,7 @@
 #include <span>
 #include <string_view>
 
+#include "common/geometry/imu_limits.hpp"
 #include "common/messages/convert.hpp"
 #include "common/messages/keys.hpp"
 
@@ -15,7 +16,6 @@ namespace {
 // products overflow.
 constexpr double kMost_m = 1e7;
 constexpr double kMostOfTwist = 1e4;
-constexpr double kMostOfImu = 1e6;
 constexpr double kMostOfNumber = 1e15;
 constexpr float kMostOfPoint_m = 1e6F;
 // Times from days before 1970 (recordings may begin at 0, and offsets go below) to the year 2096:
@@ -155,8 +155,8 @@ class Checker {
   Checker& imu(const flatbuffers::Vector<const msg::ImuSample*>* samples) {
     for (const msg::ImuSample& s : structs_of(samples)) {
       time(s.stamp_ns(), "imu.stamp_ns");
-      vec(&s.linear_acceleration(), "imu", kMostOfImu);
-      vec(&s.angular_velocity(), "imu", kMostOfImu);
+      vec(&s.linear_acceleration(), "imu", kMostOfReading);
+      vec(&s.angular_velocity(), "imu", kMostOfReading);
     }
     return *this;
   }

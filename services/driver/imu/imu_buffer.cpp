@@ -3,13 +3,13 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "common/geometry/imu_limits.hpp"
+
 namespace zloam::driver {
 namespace {
 
 // If the clock was set back by more than this, the readings start again.
 constexpr std::int64_t kRestart_ns = 1'000'000'000;
-// Receivers refuse a whole sweep because of one reading beyond this (common/messages/ranges.cpp).
-constexpr double kMostOfReading = 1e6;
 // The verdict on the units is final after this time, or after more readings than a sensor gives in
 // it.
 constexpr std::int64_t kJudge_ns = 1'000'000'000;

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "driver/scip/test_counts.hpp"
 #include "driver/scip/test_device.hpp"
 
 namespace zloam::driver::scip {
@@ -66,13 +67,7 @@ class ScipClient : public ::testing::Test {
     return all;
   }
 
-  std::uint64_t count(std::string_view name) const {
-    for (const auto& [key, value] : client_.counts()) {
-      if (key == name) return value;
-    }
-    ADD_FAILURE() << "no count " << name;
-    return 0;
-  }
+  std::uint64_t count(std::string_view name) const { return count_of(client_, name); }
 
   TestDevice device_;
   Client client_;

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "driver/scip/client.hpp"
+#include "driver/scip/test_counts.hpp"
 #include "driver/scip/test_device.hpp"
 
 namespace zloam::driver::scip {
@@ -58,13 +59,7 @@ struct Dialogue {
     return std::find(device.heard.begin(), device.heard.end(), command) != device.heard.end();
   }
 
-  std::uint64_t count(std::string_view name) const {
-    for (const auto& [key, value] : client.counts()) {
-      if (key == name) return value;
-    }
-    ADD_FAILURE() << "no count " << name;
-    return 0;
-  }
+  std::uint64_t count(std::string_view name) const { return count_of(client, name); }
 
   TestDevice device;
   Client client;
