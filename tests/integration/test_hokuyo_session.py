@@ -130,9 +130,10 @@ def test_an_interrupt_ends_the_recording(tmp_path: Path, source: Path) -> None:
     command = [sys.executable, str(EXAMPLE), device.name, "60", str(log)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as recorder:
         ends = time.monotonic() + 30.0
-        while not log.exists() and time.monotonic() < ends:
+        # The first scan is whole when the bytes of two are there.
+        while not (log.exists() and log.stat().st_size > 2 * len(scan(0))):
+            assert time.monotonic() < ends
             time.sleep(0.1)
-        time.sleep(0.5)
         recorder.send_signal(signal.SIGINT)
         _, said = recorder.communicate()
     while device.commands[-1] != b"QT" and time.monotonic() < ends:
