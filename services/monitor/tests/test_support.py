@@ -137,6 +137,10 @@ def test_a_table_of_a_run_has_covariances_and_is_read_back(
         rows = list(csv.DictReader(file))
     assert [row["health"] for row in rows] == ["degenerate", "", "degenerate"]
     assert [float(rows[2][f"c{i}{j}"]) for i in range(6) for j in range(6)] == list(range(36))
+    trajectory.write_kitti(tmp_path / "b.kitti", drive(3))
+    assert cli.main(["trajectory", str(tmp_path / "b.kitti"), str(tmp_path / "b.csv")]) == 0
+    # Without instants nothing is found, but each line has all columns.
+    assert len({line.count(",") for line in (tmp_path / "b.csv").read_text().splitlines()}) == 1
     back, whole = trajectory.read(tmp_path / "a.csv"), trajectory.read(tmp_path / "a.tum")
     np.testing.assert_array_equal(back.stamps_ns, whole.stamps_ns)
     np.testing.assert_allclose(back.transforms, whole.transforms, atol=2e-9)

@@ -48,7 +48,7 @@ class Files:
             "map": "map.pcd",
             "picture": "picture.png",
             "report": "report.json",
-            "poses": "poses.csv",
+            "poses": pose_table.NAME,
             "logs": "logs",
         }
         if name not in known:
@@ -89,7 +89,7 @@ MADE_BY_STAGES = (
     *(f"logs/{stage}.log" for stage in PORT_ORDER),
 )
 MADE_HERE = (
-    *("ground_truth.tum", "picture.png", "report.json", "report.html", "poses.csv"),
+    *("ground_truth.tum", "picture.png", "report.json", "report.html", pose_table.NAME),
     *("heard.tum", "heard.kitti", "heard_odometry.tum"),
     *(beside_run.MCAP, beside_run.RERUN, "logs/web.log", "logs/view.log"),
 )

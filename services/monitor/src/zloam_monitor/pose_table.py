@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +21,8 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True)
-class PoseTable:
-    """What is known of the poses, by their instants in ns."""
-
-    columns: list[str]
-    cells: dict[int, list[str]]
+#: The cells of COLUMNS, by the instants of the poses in ns.
+PoseTable = dict[int, list[str]]
 
 
 def write(path: Path, poses: Mapping[int, PoseRecord]) -> None:
@@ -44,7 +39,7 @@ def write(path: Path, poses: Mapping[int, PoseRecord]) -> None:
 
 def read(path: Path) -> PoseTable:
     """Reads what write() wrote; the health as a word."""
-    cells: dict[int, list[str]] = {}
+    cells: PoseTable = {}
     try:
         with path.open(encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file):
@@ -54,7 +49,7 @@ def read(path: Path) -> PoseTable:
         raise FileTrouble(f"{path}: no table of poses, as a run writes it: {error!r}") from error
     if not all(isinstance(cell, str) for row in cells.values() for cell in row):
         raise FileTrouble(f"{path}: a line has too few columns")
-    return PoseTable(list(COLUMNS), cells)
+    return cells
 
 
 def beside(trajectory_file: Path) -> PoseTable | None:
@@ -69,5 +64,5 @@ def extent(
     """How many of the poses the table has, in words."""
     if known is None:
         return f"without covariances (no {NAME} beside {trajectory_file.name})"
-    found = 0 if stamps_ns is None else sum(int(stamp) in known.cells for stamp in stamps_ns)
+    found = 0 if stamps_ns is None else sum(int(stamp) in known for stamp in stamps_ns)
     return f"{found} with covariances of {trajectory_file.parent / NAME}"

@@ -20,7 +20,7 @@ from zloam_monitor.pose_rows import (
     unit_quaternions,
     unit_rotations,
 )
-from zloam_monitor.pose_table import PoseTable
+from zloam_monitor.pose_table import COLUMNS, PoseTable
 
 __all__ = ["Trajectory", "TrajectoryError", "parse_stamp", "read"]
 
@@ -150,13 +150,13 @@ def write_csv(path: Path, trajectory: Trajectory, known: PoseTable | None = None
     numbers = trajectory.sweeps if len(trajectory.sweeps) else np.arange(len(trajectory))
     stamps = trajectory.stamps_ns
     times = [""] * len(trajectory) if stamps is None else [stamp_text(int(s)) for s in stamps]
-    more = [] if known is None else known.columns
+    more = [] if known is None else COLUMNS
     with written_whole(path) as out:
         out.write(",".join(["time_s,x_m,y_m,z_m,qx,qy,qz,qw,number", *more]) + "\n")
         for i, (p, q) in enumerate(zip(trajectory.positions, quats, strict=True)):
             cells = [times[i], *(f"{v:.9f}" for v in (*p, *q)), str(numbers[i])]
-            if known is not None and stamps is not None:
-                cells += known.cells.get(int(stamps[i]), [""] * len(more))
+            found = None if known is None or stamps is None else known.get(int(stamps[i]))
+            cells += found or [""] * len(more)
             out.write(",".join(cells) + "\n")
 
 
