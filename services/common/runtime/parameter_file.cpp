@@ -1,5 +1,6 @@
 // Reads a robot's YAML file and --set into parameters.
 
+#include <yaml-cpp/eventhandler.h>
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
@@ -18,6 +19,45 @@
 
 namespace zloam::runtime {
 namespace {
+
+/// Notes the line, from 1, at which the first node of a document begins.
+class FirstLine : public YAML::EventHandler {
+ public:
+  void OnDocumentStart(const YAML::Mark&) override { line.reset(); }
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark& mark, YAML::anchor_t) override { note(mark); }
+  void OnAlias(const YAML::Mark& mark, YAML::anchor_t) override { note(mark); }
+  void OnScalar(const YAML::Mark& mark, const std::string&, YAML::anchor_t,
+                const std::string&) override {
+    note(mark);
+  }
+  void OnSequenceStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t,
+                       YAML::EmitterStyle::value) override {
+    note(mark);
+  }
+  void OnSequenceEnd() override {}
+  void OnMapStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t,
+                  YAML::EmitterStyle::value) override {
+    note(mark);
+  }
+  void OnMapEnd() override {}
+
+  std::optional<int> line;
+
+ private:
+  void note(const YAML::Mark& mark) { line = line.value_or(mark.line + 1); }
+};
+
+/// The line at which something follows the first document of the text. YAML::LoadAll() can't tell:
+/// it takes a bracket too many for a document, again and again without end.
+std::optional<int> line_after_document(const std::string& text) {
+  std::istringstream stream(text);
+  YAML::Parser parser(stream);
+  FirstLine first_line;
+  parser.HandleNextDocument(first_line);
+  const bool more = parser.HandleNextDocument(first_line);
+  return more ? first_line.line : std::nullopt;
+}
 
 RawValue raw_value(const YAML::Node& node) {
   RawValue value;
@@ -132,12 +172,13 @@ struct Parameters::Loader {
   /// The only document of the text. YAML::Load() takes the first one and skips the others.
   YAML::Node document(const std::string& text) {
     try {
-      const std::vector<YAML::Node> found = YAML::LoadAll(text);
-      if (found.size() > 1) {
-        errors.push_back(name + ":" + line_of(found[1]) +
-                         ": a second document (after '---' or '...') is not read: a file has one");
+      YAML::Node found = YAML::Load(text);
+      if (const std::optional<int> line = line_after_document(text)) {
+        errors.push_back(name + ":" + std::to_string(*line) +
+                         ": a second document (after '---', '...' or a bracket too many) is not "
+                         "read: a file has one");
       }
-      return found.empty() ? YAML::Node() : found.front();
+      return found;
     } catch (const YAML::Exception& e) {
       throw ConfigError(name + ":" + std::to_string(e.mark.line + 1) + ": not YAML: " + e.msg);
     }

@@ -198,6 +198,13 @@ TEST_F(ParameterFile, ASecondDocumentIsRefused) {
   EXPECT_EQ(error("%YAML 1.2\n---\nstage:\n  on: true\n...\n"), "");
 }
 
+TEST_F(ParameterFile, ABracketTooManyIsRefused) {
+  for (const char* text : {"]", "}", "]]", "stage: {on: true}\n}", "stage: [1]]", "a\n---\n]"}) {
+    EXPECT_THAT(error(text), HasSubstr("robot.yaml:")) << text;
+  }
+  EXPECT_THAT(error("stage: {on: true}\n}\n"), HasSubstr("robot.yaml:2: a second document"));
+}
+
 TEST_F(ParameterFile, KeysThatAreNoNamesAreShown) {
   EXPECT_EQ(error("stage:\n  ? [on, big.x]\n  : true\n"),
             "robot.yaml:2: stage.[on, big.x]: a name is expected as key");
