@@ -28,12 +28,14 @@ TEST(DriverParameters, ABodyBoxWithoutInsideIsRefused) {
         << high;
   }
   EXPECT_THAT(refusal({"driver.body_box_min_m=[0.1, 0.1, 0.1]"}),
-              HasSubstr("driver.body_box_max_m: must be above"));
+              HasSubstr("--set driver.body_box_min_m: driver.body_box_max_m: must be above"));
 }
 
 TEST(DriverParameters, TwoKindsOfPacketsNeedTwoPorts) {
   EXPECT_EQ(refusal({"driver.position_port=2368"}),
             "--set driver.position_port: driver.position_port: must differ from driver.port");
+  EXPECT_EQ(refusal({"driver.port=8308"}),
+            "--set driver.port: driver.position_port: must differ from driver.port");
   EXPECT_EQ(refusal({"driver.port=0", "driver.position_port=0"}), "");
   EXPECT_EQ(refusal({"driver.position_port=2368", "driver.source=zenoh"}), "");
 }

@@ -251,10 +251,16 @@ struct Parameters::Loader {
   void conditions() {
     for (const Check& check : parameters.checks_) {
       const std::string error = check.condition();
-      if (error.empty()) continue;
-      const auto place = places.find(check.key);
-      complain(place == places.end() ? name : place->second, check.key, error);
+      if (!error.empty()) complain(place_of(check), check.key, error);
     }
+  }
+
+  std::string place_of(const Check& check) const {
+    if (const auto place = places.find(check.key); place != places.end()) return place->second;
+    for (const std::string& other : check.others) {
+      if (const auto place = places.find(other); place != places.end()) return place->second;
+    }
+    return name;
   }
 
   void finish() const {

@@ -40,8 +40,9 @@ Parameters::Added Parameters::add_entry(const std::string& key, std::string type
   return Added(*this);
 }
 
-void Parameters::check(const std::string& key, std::function<std::string()> condition) {
-  checks_.push_back({key, std::move(condition)});
+void Parameters::check(const std::string& key, std::function<std::string()> condition,
+                       std::vector<std::string> others) {
+  checks_.push_back({key, std::move(condition), std::move(others)});
 }
 
 const Parameters::Entry* Parameters::find(const std::string& key) const {

@@ -107,8 +107,10 @@ class Parameters {
   Added add(const std::string& key, std::vector<std::string>* field, const std::string& doc,
             Effect effect = Effect::kResult);
   /// A condition over several fields, checked after all values are set: returns the error, or an
-  /// empty text. key names the field to report.
-  void check(const std::string& key, std::function<std::string()> condition);
+  /// empty text. key names the field to report. The place is that of the first of key and others
+  /// that is set, because key may have its default.
+  void check(const std::string& key, std::function<std::string()> condition,
+             std::vector<std::string> others = {});
 
   /// Reads the file, then the settings "key=value". Sections (first chunk of a key) named in
   /// foreign belong to other programs and are passed over. Throws ConfigError with all errors, one
@@ -160,6 +162,7 @@ class Parameters {
   struct Check {
     std::string key;
     std::function<std::string()> condition;
+    std::vector<std::string> others;
   };
 
   Added add_entry(const std::string& key, std::string type, std::string unit, std::string allowed,

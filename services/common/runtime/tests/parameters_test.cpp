@@ -48,6 +48,10 @@ struct ParameterFile : testing::Test {
     p.add("stage.tiles", &c.tiles, {1, 99}, "", "tiles");
     p.add("stage.list", &c.list, "texts");
     p.check("stage.big", [this] { return c.big == 13 ? "must not be 13" : ""; });
+    p.check(
+        "stage.noise_m",
+        [this] { return c.range_m < 1.0 && c.noise_m > 0.3F ? "is too much" : ""; },
+        {"stage.deep.count", "stage.range_m"});
   }
   std::string error(const std::string& text, const std::vector<std::string>& settings = {}) {
     try {
@@ -179,6 +183,16 @@ TEST_F(ParameterFile, ConditionsOverFieldsNameTheirKeyAndPlace) {
   EXPECT_EQ(error("stage:\n  big: 13\n"), "robot.yaml:2: stage.big: must not be 13");
   EXPECT_EQ(error("stage:\n  big: 1\n", {"stage.big=13"}),
             "--set stage.big: stage.big: must not be 13");
+}
+
+TEST_F(ParameterFile, AConditionNamesThePlaceOfTheOtherFieldIfItsOwnIsNotSet) {
+  c.noise_m = 0.5F;
+  EXPECT_EQ(error("stage:\n  on: true\n  range_m: 0.5\n"),
+            "robot.yaml:3: stage.noise_m: is too much");
+  EXPECT_EQ(error("stage:\n  range_m: 0.5\n  noise_m: 0.4\n"),
+            "robot.yaml:3: stage.noise_m: is too much");
+  EXPECT_EQ(error("", {"stage.range_m=0.5"}), "--set stage.range_m: stage.noise_m: is too much");
+  EXPECT_EQ(error(""), "robot.yaml: stage.noise_m: is too much");
 }
 
 TEST_F(ParameterFile, BrokenYamlAndDoubleKeysNameTheLine) {
@@ -346,13 +360,19 @@ TEST(SharedParameters, SectionsThatNoProgramReadsAreUnknown) {
 TEST(SharedParameters, ThePublisherKeepsAllSweepsOfAReplaysWindow) {
   EXPECT_NO_THROW(load_shared("flow: {window: 64}\nrecovery: {keep_messages: 64}\n", {}));
   EXPECT_THROW(load_shared("flow: {window: 65}\nrecovery: {keep_messages: 64}\n", {}), ConfigError);
-  try {
-    load_shared("flow:\n  window: 100\n", {});
-    ADD_FAILURE();
-  } catch (const ConfigError& e) {
-    EXPECT_THAT(e.what(),
-                HasSubstr("f:2: flow.window: must not exceed recovery.keep_messages (32)"));
-  }
+  const auto error = [](const std::string& text) {
+    try {
+      load_shared(text, {});
+    } catch (const ConfigError& e) {
+      return std::string(e.what());
+    }
+    return std::string();
+  };
+  EXPECT_THAT(error("flow:\n  window: 100\n"),
+              HasSubstr("f:2: flow.window: must not exceed recovery.keep_messages (32)"));
+  // The window has its default, and the file names the other key alone.
+  EXPECT_THAT(error("recovery:\n  keep_messages: 4\n"),
+              HasSubstr("f:2: flow.window: must not exceed recovery.keep_messages (4)"));
 }
 
 TEST(SharedParameters, AddressesAreCheckedWithTheirPlace) {
