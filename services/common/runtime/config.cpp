@@ -51,7 +51,7 @@ void bind_flow(Parameters& p, SharedConfig& c) {
 
 void bind_recovery(Parameters& p, RecoveryConfig& c) {
   p.add("recovery.keep_messages", &c.keep_messages, {1, 100000}, "",
-        "messages kept by a publisher for recovery", Effect::kNone);
+        "messages kept by a publisher for recovery; at least flow.window", Effect::kNone);
   p.add("recovery.keep_mib", &c.keep_mib, {1, 65536}, "MiB",
         "bytes kept by a publisher for recovery", Effect::kNone);
   p.add("recovery.gap_live_ms", &c.gap_live_ms, {1, 10000}, "ms",
