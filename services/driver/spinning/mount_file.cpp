@@ -132,9 +132,10 @@ MotorProfile checked(const ToldProfile& told) {
   }
   const MotorProfile profile{told.from_s, told.speed_deg_s * kDegree, told.amplitude_deg * kDegree,
                              told.reversal_s};
-  if (profile.turn_s() > kLongestTurn_s) {
-    object("motor.profile.speed_deg_s",
-           "is so slow that a turn takes more than " + std::to_string(kLongestTurn_s) + " s");
+  // A turn of just 30 s may be computed as more by a rounding.
+  if (profile.turn_s() > kLongestTurn_s + 1e-9) {
+    const std::string most_s = std::to_string(std::lround(kLongestTurn_s));
+    object("motor.profile.speed_deg_s", "is so slow that a turn takes more than " + most_s + " s");
   }
   return profile;
 }

@@ -340,6 +340,13 @@ TEST(MountFileTest, WhatIsWrongIsNamedByItsKey) {
   EXPECT_EQ(objection_to("scanner: {sweep_s: 3.9}"), "");
 }
 
+TEST(MountFileTest, ATurnOfTheLongestTimeIsAllowedWhateverItsRounding) {
+  const std::string swing = "motor: {profile: {from_s: 1, amplitude_deg: 18, speed_deg_s: ";
+  EXPECT_EQ(objection_to(swing + "1.2}}"), "");
+  EXPECT_EQ(objection_to(swing + "1.19}}"),
+            "motor.profile.speed_deg_s is so slow that a turn takes more than 30 s");
+}
+
 TEST(AngleTrackTest, AnEncodersStepsAreSmoothedAwayFromReversals) {
   AngleTrack track;
   const double step = 0.25 * kDegree;
