@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <optional>
 
 #include "common/geometry/imu_limits.hpp"
 
@@ -27,6 +28,19 @@ std::string with_value(const char* format, double value) {
 
 /// False for NaN too.
 bool is_plausible(const Eigen::Vector3d& v) { return (v.array().abs() <= kMostOfReading).all(); }
+
+/// Of the plausible readings; nothing if there is none.
+std::optional<Eigen::Vector3d> mean_force(const std::vector<ImuReading>& readings) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  std::size_t count = 0;
+  for (const ImuReading& r : readings) {
+    if (!is_plausible(r.force_mps2)) continue;
+    sum += r.force_mps2;
+    ++count;
+  }
+  if (count == 0) return std::nullopt;
+  return sum / static_cast<double>(count);
+}
 
 }  // namespace
 
@@ -67,10 +81,9 @@ bool ImuBuffer::reaches(std::int64_t end_ns) const {
 
 std::string wrong_units(const std::vector<ImuReading>& readings,
                         const Eigen::Matrix3d& R_base_imu) {
-  if (readings.empty()) return {};
-  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-  for (const ImuReading& r : readings) mean += r.force_mps2;
-  mean = R_base_imu * mean / static_cast<double>(readings.size());
+  const auto mean_of_sensor = mean_force(readings);
+  if (!mean_of_sensor) return {};
+  const Eigen::Vector3d mean = R_base_imu * *mean_of_sensor;
   const double norm = mean.norm();
   if (norm > 0.8 && norm < 1.2) {
     return with_value(

@@ -50,8 +50,8 @@ class ImuBuffer {
 
 /// What is wrong with the units or signs of readings taken at about 1 g (conventions of REP
 /// 145), a sentence; empty: nothing. Judged by the mean force in base_link, whose z axis is
-/// up, in a robot's first seconds. R_base_imu: rotates vectors of the sensor into
-/// base_link.
+/// up, in a robot's first seconds. Readings that the buffer drops do not count. R_base_imu: rotates
+/// vectors of the sensor into base_link.
 std::string wrong_units(const std::vector<ImuReading>& readings, const Eigen::Matrix3d& R_base_imu);
 
 /// Judges a live sensor by its first second, with a provisional verdict before.

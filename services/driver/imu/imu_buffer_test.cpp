@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <limits>
 #include <numbers>
 
@@ -115,6 +116,18 @@ TEST(WrongUnits, UnitsOfGravityAndItsSignAreNamed) {
   EXPECT_NE(said_of({0.0, 0.0, -9.81}).find("sign"), std::string::npos);
   EXPECT_NE(said_of({0.01, 0.0, -0.02}).find("without gravity"), std::string::npos);
   EXPECT_NE(said_of({0.0, 0.0, 33000.0}).find("uncalibrated"), std::string::npos);
+}
+
+// The buffer drops such a reading, so that the others of the file can be used.
+TEST(WrongUnits, ADamagedReadingDoesNotJudgeTheOthers) {
+  const auto said = [](double damaged, double force) {
+    return wrong_units({at(0, {0.0, 0.0, force}), at(5, {0.0, 0.0, damaged})},
+                       Eigen::Matrix3d::Identity());
+  };
+  EXPECT_EQ(said(1e30, 9.81), "");
+  EXPECT_NE(said(1e30, 1.0).find("in g"), std::string::npos);
+  EXPECT_NE(said(std::nan(""), 1.0).find("in g"), std::string::npos);
+  EXPECT_EQ(said(1e30, -1e30), "");
 }
 
 /// Verdict on readings that a buffer accepts.
