@@ -52,6 +52,18 @@ def test_a_change_that_the_run_ended_before_was_never_in_force() -> None:
     assert changes(found, 7, last_sweep=31) == (as_set_at(found, 7), [])
 
 
+def test_a_change_back_that_the_run_ended_before_is_listed() -> None:
+    found = [
+        revision(1, run=7, from_sweep=10, values={"a": 2}),
+        revision(2, run=7, from_sweep=20, values={"a": 1}),
+        revision(3, run=7, from_sweep=900, values={"a": 2}),
+        revision(4, run=7, from_sweep=950, values={"a": 2, "b": 3}),
+    ]
+    in_force, late = changes(found, 7, last_sweep=500)
+    assert in_force == ["10:a=2", "20:a=1"]
+    assert late == ["900:a=2", "950:b=3"]
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [

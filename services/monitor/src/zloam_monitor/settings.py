@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -189,9 +190,13 @@ def changes(
 ) -> tuple[list[str], list[str]]:
     """The changes of a run as as_set_at() gives them: those in force up to its last sweep, and
     those that it ended before."""
-    known = list(revisions)
-    in_time = [r for r in known if r.run not in (0, run) or r.from_sweep <= last_sweep]
-    in_force = as_set_at(in_time, run)
-    held = {text.partition(":")[2] for text in in_force}
-    late = as_set_at((r for r in known if r not in in_time), run)
-    return in_force, [text for text in late if text.partition(":")[2] not in held]
+    in_time, late = list[RevisionRecord](), list[str]()
+    held: dict[str, Any] = {}
+    for revision in revisions:
+        if revision.run not in (0, run) or revision.from_sweep <= last_sweep:
+            in_time.append(revision)
+        else:
+            new = {k: v for k, v in revision.values.items() if k not in held or held[k] != v}
+            late += as_set_at([replace(revision, values=new)], run)
+        held.update(revision.values)
+    return as_set_at(in_time, run), late
