@@ -223,13 +223,18 @@ void OdometryStage::note_figures(const OdometryResult& result) {
   stage_.figure("residual_m", result.diagnostics.residual_m);
   stage_.figure("prediction_error_m", result.diagnostics.prediction_error_m);
   stage_.figure("degenerate", result.degeneracy.degenerate ? 1.0 : 0.0);
-  if (!readings_.empty()) note_imu(result);
+  note_imu(result);
 }
 
 void OdometryStage::note_imu(const OdometryResult& result) {
-  stage_.figure("imu_used", result.diagnostics.imu_used ? 1.0 : 0.0);
-  uncovered_in_row_ = result.diagnostics.imu_covers ? 0 : uncovered_in_row_ + 1;
+  // A slow sensor leaves single sweeps without readings. That none come any more is the driver's to
+  // report.
+  silent_in_row_ = readings_.empty() ? silent_in_row_ + 1 : 0;
+  if (silent_in_row_ == 0) ++uncovered_in_row_;
+  if (silent_in_row_ >= kUncovered || result.diagnostics.imu_covers) uncovered_in_row_ = 0;
   stage_.degraded("imu", doubts_about_imu(result));
+  if (readings_.empty()) return;
+  stage_.figure("imu_used", result.diagnostics.imu_used ? 1.0 : 0.0);
   if (!result.inertia) return;
   const InertialState& known = *result.inertia;
   const ImuErrors errors = known.errors();

@@ -67,8 +67,9 @@ class OdometryStage {
   Odometry odometry_;
   Pose T_base_lidar_;
   std::vector<ImuReading> readings_;
-  /// successive sweeps with readings that do not cover them
+  /// successive sweeps with readings that do not cover them, and successive ones without readings
   std::uint32_t uncovered_in_row_ = 0;
+  std::uint32_t silent_in_row_ = 0;
   runtime::Outlet& pose_;
   runtime::Outlet& features_;
   runtime::Outlet& sweep_;

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -115,34 +116,45 @@ def test_a_killed_stage_goes_on_to_the_byte(
     assert digests(tmp_path, FILES) == digests(undisturbed, FILES)
 
 
-def test_live_readings_go_with_their_sweeps(build: Path, robot_file: Path, tmp_path: Path) -> None:
-    robot = names(robot_file, [])
-    settings = [
+def live_settings(out: Path) -> list[str]:
+    return [
         "driver.source=zenoh",
         "driver.imu=zenoh",
         *MOUNTING,
-        f"integration.output_dir={tmp_path}",
-        f"mapping.map_path={tmp_path / 'map.pcd'}",
+        f"integration.output_dir={out}",
+        f"mapping.map_path={out / 'map.pcd'}",
         "mapping.store_link_s=0",
     ]
+
+
+@contextmanager
+def simulated(build: Path, chain: Chain, robot: str, *options: str) -> Iterator[None]:
+    """A lidar that sends to the chain's driver meanwhile."""
+    simulator = subprocess.Popen(
+        [
+            binary(build, "simulator"),
+            *("--quiet", "--world", "handheld", "--seed", "2", "--duration", "20"),
+            *("--zenoh", "--rate", "0.7", *options),
+            *("--zenoh-base-port", str(chain.base_port), "--robot", robot),
+            *("--imu-xyz", *map(str, XYZ_M), "--imu-rpy-deg", *map(str, RPY_DEG)),
+        ]
+    )
+    try:
+        yield
+    finally:
+        simulator.kill()
+        simulator.wait()
+
+
+def test_live_readings_go_with_their_sweeps(build: Path, robot_file: Path, tmp_path: Path) -> None:
+    robot = names(robot_file, [])
+    settings = live_settings(tmp_path)
     with Chain(build, robot_file, robot.robot, settings, tmp_path, robot.sensor) as chain:
         run_until(chain, lambda: status(chain, "driver") is not None)
-        simulator = subprocess.Popen(
-            [
-                binary(build, "simulator"),
-                *("--quiet", "--world", "handheld", "--seed", "2", "--duration", "20"),
-                *("--zenoh", "--zenoh-imu", "--rate", "0.7"),
-                *("--zenoh-base-port", str(chain.base_port), "--robot", robot.robot),
-                *("--imu-xyz", *map(str, XYZ_M), "--imu-rpy-deg", *map(str, RPY_DEG)),
-            ]
-        )
-        try:
+        with simulated(build, chain, robot.robot, "--zenoh-imu"):
             run_until(chain, lambda: len(chain.link.poses) >= 50)
             chain.link.query_statuses()
             driver, odometry = status(chain, "driver"), status(chain, "odometry")
-        finally:
-            simulator.kill()
-            simulator.wait()
         chain.stop()
     assert driver is not None
     assert odometry is not None
@@ -151,6 +163,26 @@ def test_live_readings_go_with_their_sweeps(build: Path, robot_file: Path, tmp_p
     assert odometry.figures["imu_contradictions"] == 0.0
     # The first sweeps may begin before the first readings.
     assert driver.figures["imu_sweeps_incomplete"] <= 2
+
+
+def test_an_imu_that_covers_no_sweep_is_reported_until_it_stops(
+    build: Path, robot_file: Path, tmp_path: Path
+) -> None:
+    """Afterwards the driver says that no readings come."""
+    robot = names(robot_file, [])
+
+    def is_reported() -> bool:
+        odometry = status(chain, "odometry")
+        return odometry is not None and "do not cover the sweeps" in odometry.reason
+
+    settings = live_settings(tmp_path)
+    with Chain(build, robot_file, robot.robot, settings, tmp_path, robot.sensor) as chain:
+        run_until(chain, lambda: status(chain, "driver") is not None)
+        with simulated(build, chain, robot.robot, "--zenoh-imu", "--imu-rate", "10"):
+            run_until(chain, is_reported)
+        with simulated(build, chain, robot.robot):
+            run_until(chain, lambda: not is_reported())
+        chain.stop()
 
 
 def status(chain: Chain, name: str) -> StatusRecord | None:
