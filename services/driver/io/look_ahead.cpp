@@ -17,8 +17,8 @@ constexpr std::int64_t kLateStartNs = 50'000'000;
 
 }  // namespace
 
-LookAhead::LookAhead(PacketSource& source, const DecodingOptions& options)
-    : source_(source), makers_(options) {
+LookAhead::LookAhead(PacketSource& source, const DecodingOptions& options, std::uint32_t sender)
+    : source_(source), makers_(options), sender_(sender) {
   Datagram datagram;
   bool enough = false;
   while (!enough && kept_.size() < kMostKept) {
@@ -34,7 +34,8 @@ LookAhead::LookAhead(PacketSource& source, const DecodingOptions& options)
 
 /// Whether enough has been read.
 bool LookAhead::add(const Datagram& datagram) {
-  if (makers_.kind(datagram.payload) != PacketKind::kData) return false;
+  const bool of_other = sender_ != 0 && datagram.sender != 0 && datagram.sender != sender_;
+  if (of_other || makers_.kind(datagram.payload) != PacketKind::kData) return false;
   makers_.settle(datagram.payload);
   if (datagram.received_ns == 0) return true;
   const std::uint32_t toh_us = makers_.maker().toh_us(datagram.payload);
@@ -42,7 +43,6 @@ bool LookAhead::add(const Datagram& datagram) {
     sender_ = datagram.sender;
     first_toh_us_ = toh_us;
   }
-  if (datagram.sender != sender_) return false;
   arrivals_.push_back({datagram.received_ns, 1000 * toh_difference_us(toh_us, first_toh_us_)});
   return arrivals_.back().after_ns >= kLookAheadNs;
 }

@@ -14,8 +14,8 @@ namespace zloam::driver {
 
 class LookAhead {
  public:
-  /// Reads the first second and a half.
-  LookAhead(PacketSource& source, const DecodingOptions& options);
+  /// Reads the first second and a half. sender: of the sensor; 0: that of the first data packet.
+  LookAhead(PacketSource& source, const DecodingOptions& options, std::uint32_t sender = 0);
 
   /// As the source's next(); nothing is skipped.
   Read next(Datagram& datagram);
@@ -44,7 +44,7 @@ class LookAhead {
   /// the packet whose payload was returned last
   Kept current_;
   bool ended_ = false;
-  std::uint32_t sender_ = 0;
+  std::uint32_t sender_;
   std::uint32_t first_toh_us_ = 0;
   std::vector<Arrival> arrivals_;
   std::int64_t first_received_ns_ = 0;

@@ -212,23 +212,56 @@ TEST(PacketStream, SaysUntilTheEndThatTheSensorTookOverUtcTooLate) {
 /// An ideal sensor's recording; received_ns maps the send time to the receive time.
 class Recording : public PacketSource {
  public:
-  explicit Recording(std::function<std::int64_t(std::int64_t)> received_ns)
-      : received_ns_(std::move(received_ns)) {}
+  explicit Recording(std::function<std::int64_t(std::int64_t)> received_ns,
+                     std::uint32_t sender = kFirst)
+      : received_ns_(std::move(received_ns)), sender_(sender) {}
 
   Read next(Datagram& datagram, int /*timeout_ms*/) override {
     if (packets_ == 3000) return Read::kEnd;
     payload_ = sensor_.next();
-    datagram = {payload_, received_ns_(kStartNs + kPacketNs * ++packets_), 2368, kFirst};
+    datagram = {payload_, received_ns_(kStartNs + kPacketNs * ++packets_), 2368, sender_};
     return Read::kDatagram;
   }
   NamedCounts counts() const override { return {}; }
 
  private:
   std::function<std::int64_t(std::int64_t)> received_ns_;
+  std::uint32_t sender_;
   TurningSensor sensor_;
   Payload payload_;
   std::int64_t packets_ = 0;
 };
+
+/// One recording after the other, as a single one.
+class Joined : public PacketSource {
+ public:
+  Joined(Recording first, Recording second)
+      : first_(std::move(first)), second_(std::move(second)) {}
+
+  Read next(Datagram& datagram, int timeout_ms) override {
+    const Read read = first_.next(datagram, timeout_ms);
+    return read == Read::kEnd ? second_.next(datagram, timeout_ms) : read;
+  }
+  NamedCounts counts() const override { return {}; }
+
+ private:
+  Recording first_, second_;
+};
+
+TEST(LookAhead, OfASensorThatWasNamedOnlyItsOwnPacketsCount) {
+  constexpr std::int64_t kLaterNs = 5'000'000'000;
+  const auto burst = [](std::int64_t sent_ns) {
+    return std::max(sent_ns, kStartNs + 1'000'000'000);
+  };
+  const auto later = [](std::int64_t sent_ns) { return sent_ns + kLaterNs; };
+  PacketStreamConfig config;
+  config.sender = kFirst;
+  const auto source = sweeps_of_packets(
+      std::make_unique<Joined>(Recording(burst, kOther), Recording(later, kFirst)), config, 0);
+  DecodedSweep sweep;
+  ASSERT_EQ(source->pull(sweep), Pull::kSweep);
+  EXPECT_NEAR(static_cast<double>(sweep.stamp_ns - kStartNs - kLaterNs), 0.0, 1.4e6);
+}
 
 TEST(LookAhead, GivesTheTrueStartAndLeavesNothingOut) {
   const std::int64_t whole_s = 1'000'000'000;

@@ -25,7 +25,9 @@ class PacketSweeps : public SweepSource {
   PacketSweeps(std::unique_ptr<PacketSource> packets, const PacketStreamConfig& config,
                int timeout_ms)
       : packets_(std::move(packets)),
-        ahead_(timeout_ms == 0 ? std::make_unique<LookAhead>(*packets_, config.decoding) : nullptr),
+        ahead_(timeout_ms == 0
+                   ? std::make_unique<LookAhead>(*packets_, config.decoding, config.sender)
+                   : nullptr),
         stream_(tied(config, ahead_.get())),
         timeout_ms_(timeout_ms) {}
 
