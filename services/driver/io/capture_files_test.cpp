@@ -377,6 +377,26 @@ TEST_F(Sources, FragmentsAreOneDatagramInWhateverOrderTheyCome) {
   EXPECT_EQ(source->complaint(), "");
 }
 
+// A sensor of 2560 datagrams a second uses each number again after 26 s.
+TEST_F(Sources, FragmentsOfANumberThatIsUsedAgainAreNotMixed) {
+  constexpr std::uint64_t kStartUs = 1'700'000'000'000'000, kAgainUs = kStartUs + 26'000'000;
+  Bytes second = packet_;
+  for (std::uint8_t& byte : second) byte ^= 1;
+  const std::vector<Bytes> a = in_fragments(packet_, 7), b = in_fragments(second, 7);
+  Pcapng capture;
+  capture.section();
+  capture.interface(1);
+  // The first fragment of the first datagram is lost.
+  for (const Bytes& frame : {a[1], a[2]}) capture.packet(0, kStartUs, frame);
+  for (const Bytes& frame : b) capture.packet(0, kAgainUs, frame);
+  const auto source = open_pcap(write("again.pcapng", capture.file));
+  Datagram datagram;
+  ASSERT_EQ(source->next(datagram, 0), Read::kDatagram);
+  EXPECT_EQ(Bytes(datagram.payload.begin(), datagram.payload.end()), second);
+  EXPECT_EQ(source->next(datagram, 0), Read::kEnd);
+  EXPECT_EQ(count_of(*source, "datagrams_not_whole"), 1U);
+}
+
 TEST_F(Sources, FragmentsWithoutTheirRestAreBoundedAndSaid) {
   std::vector<Bytes> frames;
   for (unsigned number = 0; number < 1000; ++number) {

@@ -1,8 +1,16 @@
 #include "driver/io/ip_fragments.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 
 namespace zloam::driver {
+namespace {
+
+// Numbers of datagrams are used again after 65536 of them, half a minute for a fast sensor: parts
+// that are further apart are not of one datagram (RFC 791, section 3.2: a timer of 15 s).
+constexpr std::int64_t kLongestNs = 15'000'000'000;
+
+}  // namespace
 
 void IpFragments::put(Datagram& datagram, std::size_t offset, std::span<const std::uint8_t> part) {
   const std::size_t end = offset + part.size();
@@ -21,26 +29,34 @@ void IpFragments::put(Datagram& datagram, std::size_t offset, std::span<const st
   there.resize(last + 1);
 }
 
-std::span<const std::uint8_t> IpFragments::add(const Id& id, std::size_t offset, bool more,
-                                               std::span<const std::uint8_t> part) {
-  if (part.empty() || offset + part.size() > kMostBytes) return {};
+/// The datagram of this identity that parts received at this time belong to.
+IpFragments::Datagram& IpFragments::open(const Id& id, std::int64_t received_ns) {
   auto found = std::find_if(open_.begin(), open_.end(),
                             [&](const Datagram& datagram) { return datagram.id == id; });
-  if (found == open_.end()) {
-    if (open_.size() == kMostOpen) {
-      ++incomplete_;
-      open_.pop_front();
-    }
-    open_.push_back({id, {}, {}, 0});
-    found = open_.end() - 1;
+  const bool expired = found != open_.end() && received_ns != 0 && found->received_ns != 0 &&
+                       std::abs(received_ns - found->received_ns) > kLongestNs;
+  if (found != open_.end() && !expired) return *found;
+  if (!expired) found = open_.begin();
+  if (expired || open_.size() == kMostOpen) {
+    ++incomplete_;
+    open_.erase(found);
   }
-  put(*found, offset, part);
-  if (!more) found->size = offset + part.size();
-  const bool whole = found->size != 0 && found->there.size() == 1 &&
-                     found->there.front() == std::pair<std::size_t, std::size_t>{0, found->size};
+  return open_.emplace_back(Datagram{id, received_ns, {}, {}, 0});
+}
+
+std::span<const std::uint8_t> IpFragments::add(const Id& id, std::int64_t received_ns,
+                                               std::size_t offset, bool more,
+                                               std::span<const std::uint8_t> part) {
+  if (part.empty() || offset + part.size() > kMostBytes) return {};
+  Datagram& datagram = open(id, received_ns);
+  put(datagram, offset, part);
+  if (!more) datagram.size = offset + part.size();
+  const std::pair<std::size_t, std::size_t> all{0, datagram.size};
+  const bool whole =
+      datagram.size != 0 && datagram.there.size() == 1 && datagram.there.front() == all;
   if (!whole) return {};
-  whole_ = std::move(found->bytes);
-  open_.erase(found);
+  whole_ = std::move(datagram.bytes);
+  std::erase_if(open_, [&](const Datagram& other) { return other.id == id; });
   return whole_;
 }
 

@@ -19,12 +19,12 @@ class IpFragments {
     bool operator==(const Id&) const = default;
   };
 
-  /// `part` begins at `offset` of the datagram's bytes. Returns the whole datagram if this was the
-  /// last missing part, valid until the next call; otherwise nothing.
-  std::span<const std::uint8_t> add(const Id& id, std::size_t offset, bool more,
-                                    std::span<const std::uint8_t> part);
+  /// `part` begins at `offset` of the datagram's bytes. received_ns: 0: unknown. Returns the whole
+  /// datagram if this was the last missing part, valid until the next call; otherwise nothing.
+  std::span<const std::uint8_t> add(const Id& id, std::int64_t received_ns, std::size_t offset,
+                                    bool more, std::span<const std::uint8_t> part);
 
-  /// Datagrams dropped because others arrived before their last part.
+  /// Datagrams whose missing parts did not arrive in time.
   std::uint64_t incomplete() const { return incomplete_ + open_.size(); }
 
  private:
@@ -33,6 +33,8 @@ class IpFragments {
 
   struct Datagram {
     Id id;
+    /// of the part that arrived first
+    std::int64_t received_ns = 0;
     std::vector<std::uint8_t> bytes;
     /// from, to of the received parts, ascending, not overlapping
     std::vector<std::pair<std::size_t, std::size_t>> there;
@@ -41,6 +43,7 @@ class IpFragments {
   };
 
   static void put(Datagram& datagram, std::size_t offset, std::span<const std::uint8_t> part);
+  Datagram& open(const Id& id, std::int64_t received_ns);
 
   std::deque<Datagram> open_;
   std::vector<std::uint8_t> whole_;

@@ -101,8 +101,8 @@ FrameKind parse_frame(int link_type, Bytes frame, IpFragments& fragments, Datagr
   const auto receiver = static_cast<std::uint32_t>(big16(ip, 16) << 16 | big16(ip, 18));
   const Bytes whole =
       fragments.add({datagram.sender, receiver, static_cast<std::uint16_t>(big16(ip, 4))},
-                    std::size_t{8} * (fragment & kFragmentOffset), (fragment & kMoreFragments) != 0,
-                    ip.subspan(header, length - header));
+                    datagram.received_ns, std::size_t{8} * (fragment & kFragmentOffset),
+                    (fragment & kMoreFragments) != 0, ip.subspan(header, length - header));
   return whole.empty() ? FrameKind::kFragment : parse_udp(whole, datagram);
 }
 

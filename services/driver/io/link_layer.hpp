@@ -20,8 +20,8 @@ enum class FrameKind : std::uint8_t {
 /// loopback 0 and 108.
 bool link_type_known(int link_type);
 
-/// Sets payload, port and sender. The payload lies in the frame, or in the last datagram completed
-/// by fragments.
+/// Sets payload, port and sender; received_ns is the frame's already. The payload lies in the
+/// frame, or in the last datagram completed by fragments.
 FrameKind parse_frame(int link_type, std::span<const std::uint8_t> frame, IpFragments& fragments,
                       Datagram& datagram);
 

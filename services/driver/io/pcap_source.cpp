@@ -95,11 +95,11 @@ class PcapSource : public PacketSource {
         break;
       }
       ++read_;
+      datagram.received_ns = frame.received_ns;
       if (!link_type_known(frame.link_type)) {
         ++other_link_;
         unknown_link_type_ = frame.link_type;
       } else if (count(parse_frame(frame.link_type, frame.data, fragments_, datagram))) {
-        datagram.received_ns = frame.received_ns;
         return Read::kDatagram;
       }
     }
