@@ -102,12 +102,7 @@ void SweepAssembler::add(std::span<const std::uint8_t> payload, std::int64_t rec
   const PacketTail tail = decoder_->tail(payload);
   if (!accepted(tail)) return;
   const Packet packet{payload, tail, received_ns};
-  if (started_) {
-    order(packet);
-    return;
-  }
-  // The stream's first two packets may have arrived in reverse order; wait for the second.
-  if (hold(packet) && held_.size() > 1) process_first_held();
+  started_ ? order(packet) : begin(packet);
 }
 
 void SweepAssembler::process(const Packet& packet, std::int64_t ahead_ns) {

@@ -103,6 +103,7 @@ class SweepAssembler {
 
   static Held held_copy(const Packet& packet);
   bool accepted(const PacketTail& tail);
+  void begin(const Packet& packet);
   void order(const Packet& packet);
   std::int64_t received_after_us(const Packet& packet) const;
   std::int64_t stamped_after_us(const Packet& packet) const;

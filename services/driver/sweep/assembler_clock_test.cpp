@@ -31,6 +31,31 @@ TEST(Assembler, OneStampFromElsewhereIsNoStep) {
   EXPECT_EQ(assembler.counts().decoded, 199U);
 }
 
+TEST(Assembler, AFirstStampFromElsewhereMovesNoOther) {
+  constexpr std::int64_t kFirstNs = 1'700'000'000'000'000'000;
+  constexpr std::int64_t kPeriodNs = 1'327'104;
+  for (const double apart_us : {-900e6, 100e6, 2000e6}) {
+    SCOPED_TRACE(apart_us);
+    TurningSensor elsewhere, sensor;
+    sensor.time_us = 1000e6;
+    elsewhere.time_us = sensor.time_us + apart_us;
+    std::vector<Payload> stream = packets_of(elsewhere, 1);
+    for (const Payload& packet : packets_of(sensor, 299)) stream.push_back(packet);
+    SweepAssembler assembler(test::decoder(), {});
+    std::int64_t received_ns = kFirstNs;
+    for (const Payload& packet : stream) assembler.add(packet, received_ns += kPeriodNs);
+    assembler.flush();
+    EXPECT_EQ(assembler.counts().clock_steps, 1U);
+    EXPECT_EQ(assembler.counts().lost, 0U);
+    EXPECT_EQ(assembler.counts().reordered, 0U);
+    EXPECT_EQ(assembler.counts().decoded, 300U);
+    const auto sweeps = sweeps_of(assembler);
+    expect_in_time_order(sweeps);
+    const auto from_end_ns = static_cast<double>(received_ns - sweeps.back().stamp_ns);
+    EXPECT_NEAR(from_end_ns, 0.05e9, 0.06e9);
+  }
+}
+
 TEST(Assembler, APacketFromBeforeTheStepComesLate) {
   TurningSensor sensor;
   std::vector<Payload> stream = packets_of(sensor, 150);

@@ -33,6 +33,20 @@ constexpr int kExpectedGapTurns = 2;
 
 }  // namespace
 
+/// The stream's first two packets may have arrived in reverse order; waits for the second. Stamps
+/// that are further apart have no order: one of them is damaged, or from before the clock was set.
+void SweepAssembler::begin(const Packet& packet) {
+  if (!held_.empty()) {
+    const std::int64_t apart_us = toh_difference_us(packet.tail.toh_us, held_.front().tail.toh_us);
+    if (std::abs(apart_us) > kClockStepUs) {
+      process_first_held();
+      order(packet);
+      return;
+    }
+  }
+  if (hold(packet) && held_.size() > 1) process_first_held();
+}
+
 void SweepAssembler::process_first_held() {
   const Held first = held_.front();
   held_.erase(held_.begin());
