@@ -177,7 +177,9 @@ class KittiFolder : public ScanFolder {
       times_ns_ = times_of(list_, read_times(place.string(), 1, timing_.period_s), place.string());
       files_.push_back(place.string());
     }
-    if (times_ns_.empty()) times_ns_ = list_.times_ns;
+    if (!times_ns_.empty()) return;
+    if (!list_.time_remark.empty()) list_.remarks.push_back(list_.time_remark);
+    times_ns_ = list_.times_ns;
     for (std::size_t i = times_ns_.size(); i < list_.files.size(); ++i) {
       const auto number = static_cast<double>(list_.numbers.empty() ? i : list_.numbers[i]);
       times_ns_.push_back(std::llround(1e9 * timing_.period_s * number));

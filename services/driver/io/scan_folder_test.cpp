@@ -211,6 +211,22 @@ TEST_F(ScanNames, TimesGoByTheNumbers) {
   EXPECT_NEAR(seen().starts_s[3], 5.4, 1e-4);
 }
 
+TEST_F(ScanNames, WhatTheirNamesSayOfTheTimesIsSaidOnlyWithoutAFileOfTimes) {
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
+      {{"5.bin", "100.bin", "1000.bin"}, "neither numbers of scans nor times"},
+      {{"2.bin", "4.bin", "6.bin"}, "go up by 2"}};
+  for (const auto& [names, remark] : cases) {
+    SCOPED_TRACE(remark);
+    std::filesystem::remove_all(folder_);
+    scans(names);
+    seen();
+    EXPECT_THAT(remarks_, HasSubstr(remark));
+    times("5.1\n5.2\n5.3\n");
+    EXPECT_NEAR(seen().starts_s[2], 5.3, 1e-4);
+    EXPECT_EQ(remarks_, "");
+  }
+}
+
 TEST_F(ScanNames, OfADamagedScanWhatIsWholeIsUsed) {
   scans({"0.bin", "1.bin", "2.bin", "3.bin"});
   Bytes cut = bytes_of(scan_of(11.0F));

@@ -217,8 +217,8 @@ void use_numbers(const std::vector<Name>& names, double period_s, ScanList& list
     if (step > 1 && span / step < most && span < kMostSpan) {
       list.first_number = numbers->front();
       for (const std::uint64_t n : *numbers) list.numbers.push_back(n - numbers->front());
-      list.remarks.push_back("the scans' numbers go up by " + std::to_string(step) +
-                             ": so many periods lie between them");
+      list.time_remark = "the scans' numbers go up by " + std::to_string(step) +
+                         ": so many periods lie between them";
       return;
     }
   }
@@ -229,9 +229,9 @@ void use_numbers(const std::vector<Name>& names, double period_s, ScanList& list
     list.times_ns = *times_ns;
     return;
   }
-  list.remarks.push_back(
+  list.time_remark =
       "the scans' names are neither numbers of scans nor times: each is taken for one period after "
-      "the one before");
+      "the one before";
 }
 
 std::vector<std::int64_t> times_of_line(const std::string& line, std::size_t columns,

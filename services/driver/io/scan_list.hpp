@@ -21,6 +21,8 @@ struct ScanList {
   std::uint64_t hidden = 0;
   /// sentences about problems
   std::vector<std::string> remarks;
+  /// a sentence on the scans' times, where no file has them; empty: nothing to say
+  std::string time_remark;
 };
 
 /// The *.bin files of the folder, by the numbers in their names. Throws SourceError.
