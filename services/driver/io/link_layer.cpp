@@ -18,6 +18,7 @@ constexpr std::array kKnown = {kLoopback,        kEthernet, kRawIp,    kRawIpFil
                                kOpenBsdLoopback, kCooked1,  kIpv4Only, kCooked2};
 
 constexpr unsigned kTypeIpv4 = 0x0800;
+constexpr unsigned kTypeIpv6 = 0x86DD;
 constexpr unsigned kProtocolUdp = 17;
 constexpr std::size_t kUdpHeader = 8;
 constexpr unsigned kMoreFragments = 0x2000;
@@ -44,6 +45,15 @@ Bytes behind_type(Bytes frame, std::size_t type_at, std::size_t data_at, unsigne
   return frame.subspan(data_at);
 }
 
+/// Of an address family, whose number is in a loopback frame's first or fourth byte, in the byte
+/// order of the capturing machine. That of IPv6 differs between operating systems.
+unsigned type_of_family(int family) {
+  constexpr int kIpv4 = 2;
+  constexpr std::array kIpv6 = {10, 24, 28, 30};
+  if (family == kIpv4) return kTypeIpv4;
+  return std::find(kIpv6.begin(), kIpv6.end(), family) == kIpv6.end() ? 0 : kTypeIpv6;
+}
+
 /// Returns the network layer of the frame and sets its type; empty if the frame is cut.
 Bytes network_layer(int link_type, Bytes frame, unsigned& type) {
   switch (link_type) {
@@ -56,11 +66,10 @@ Bytes network_layer(int link_type, Bytes frame, unsigned& type) {
     case kLoopback:
     case kOpenBsdLoopback:
       if (frame.size() < 4) return {};
-      // Address family 2 (IPv4), in the byte order of the capturing machine.
-      type = frame[0] == 2 || frame[3] == 2 ? kTypeIpv4 : 0;
+      type = type_of_family(frame[0] | frame[3]);
       return frame.subspan(4);
     default:
-      type = kTypeIpv4;
+      type = !frame.empty() && frame[0] >> 4 == 6 ? kTypeIpv6 : kTypeIpv4;
       return frame;
   }
 }
@@ -84,6 +93,7 @@ bool link_type_known(int link_type) {
 FrameKind parse_frame(int link_type, Bytes frame, IpFragments& fragments, Datagram& datagram) {
   unsigned type = 0;
   const Bytes ip = network_layer(link_type, frame, type);
+  if (type == kTypeIpv6) return FrameKind::kIpv6;
   if (type != kTypeIpv4) return FrameKind::kOther;
   if (ip.size() < 20) return FrameKind::kCut;
   if (ip[0] >> 4 != 4 || ip[9] != kProtocolUdp) return FrameKind::kOther;

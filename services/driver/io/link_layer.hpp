@@ -11,7 +11,8 @@ namespace zloam::driver {
 
 enum class FrameKind : std::uint8_t {
   kUdp,
-  kOther,     // not IPv4, or not UDP
+  kOther,     // not IP, or not UDP
+  kIpv6,      // is not read
   kFragment,  // part of a datagram that is not complete yet
   kCut,       // the capture holds less of the frame than its headers say
 };

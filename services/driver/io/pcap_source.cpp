@@ -109,6 +109,7 @@ class PcapSource : public PacketSource {
   NamedCounts counts() const override {
     return {{"frames_read", read_},
             {"frames_not_udp", other_},
+            {"frames_ipv6", ipv6_},
             {"frames_other_link", other_link_},
             {"frames_fragment", fragment_frames_},
             {"datagrams_not_whole", fragments_.incomplete()},
@@ -128,6 +129,11 @@ class PcapSource : public PacketSource {
       add(std::to_string(other_link_) + " frames of link type " +
           std::to_string(unknown_link_type_) + kNoneOfOurs + ", were passed over");
     }
+    if (ipv6_ > 0 && datagrams_ == 0) {
+      add("its " + std::to_string(ipv6_) +
+          " IPv6 packets are not read, and no IPv4 packet holds a datagram: set the sensor to send "
+          "by IPv4");
+    }
     if (cut_ > 0) {
       add(std::to_string(cut_) +
           " frames hold less than their packet: record with a greater snap length (tcpdump -s 0)");
@@ -140,7 +146,9 @@ class PcapSource : public PacketSource {
 
  private:
   bool count(FrameKind kind) {
+    datagrams_ += kind == FrameKind::kUdp;
     other_ += kind == FrameKind::kOther;
+    ipv6_ += kind == FrameKind::kIpv6;
     fragment_frames_ += kind == FrameKind::kFragment;
     cut_ += kind == FrameKind::kCut;
     return kind == FrameKind::kUdp;
@@ -151,7 +159,9 @@ class PcapSource : public PacketSource {
   IpFragments fragments_;
   bool ended_ = false;
   std::uint64_t read_ = 0;
+  std::uint64_t datagrams_ = 0;
   std::uint64_t other_ = 0;
+  std::uint64_t ipv6_ = 0;
   std::uint64_t other_link_ = 0;
   int unknown_link_type_ = 0;
   std::uint64_t fragment_frames_ = 0;
