@@ -260,6 +260,14 @@ TEST(HesaiMaker, AnotherModelIsSaid) {
   EXPECT_THAT(decoder_for(bytes, options)->contradictions(), IsEmpty());
 }
 
+TEST(HesaiMaker, PayloadFilesByTheUnitsAngles) {
+  DecodingOptions options;
+  for (int laser = 1; laser <= 16; ++laser) {
+    options.metadata += std::to_string(laser) + "," + std::to_string(17 - 2 * laser) + ",0\n";
+  }
+  EXPECT_EQ(Makers(options).maker().payload_bytes(), 568U);
+}
+
 TEST(HesaiMaker, PayloadFilesByTheModel) {
   DecodingOptions options;
   options.model = "PandarXT-16";

@@ -74,7 +74,7 @@ class Hesai final : public Maker {
     for (const int lasers : kLaserCounts) {
       if (plain_label(options_.model) == plain_label(label_of(lasers))) return packet_bytes(lasers);
     }
-    return 0;
+    return beams_.empty() ? 0 : packet_bytes(static_cast<int>(beams_.size()));
   }
   std::string metadata_kind() const override { return "a Hesai sensor's angle corrections (CSV)"; }
   bool described() const override { return !beams_.empty(); }

@@ -289,6 +289,8 @@ TEST_F(Sources, ErrorsNameTheFile) {
   }
   EXPECT_THAT(error_of([&] { open_pcap(write("e.pcap", {})); }), HasSubstr("empty"));
   EXPECT_THAT(error_of([&] { open_payload_file(write("e.bin", {}), 1206); }), HasSubstr("0 bytes"));
+  EXPECT_THAT(error_of([&] { open_payload_file(write("p.bin", packet_), 0); }),
+              HasSubstr("driver.model"));
   EXPECT_THAT(error_of([&] { open_pcap(write("t.txt", Bytes(100, 'a'))); }),
               HasSubstr("not a pcap"));
   EXPECT_THAT(error_of([&] { open_pcap(write("w.pcap", pcap_file(kMicroseconds, 147, {}))); }),

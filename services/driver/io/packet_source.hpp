@@ -76,7 +76,7 @@ std::unique_ptr<UdpSource> open_udp(const UdpOptions& options);
 /// complaint, after the complete records.
 std::unique_ptr<PacketSource> open_pcap(const std::string& path);
 
-/// Payloads of one length, concatenated, without receive times.
+/// Payloads of one length (0: unknown, which is refused), concatenated, without receive times.
 std::unique_ptr<PacketSource> open_payload_file(const std::string& path, std::size_t payload_bytes);
 
 /// "192.168.1.201" to its number, 0 for an empty text. Throws SourceError.

@@ -18,6 +18,9 @@ class PayloadFileSource : public PacketSource {
       : path_(path), payload_bytes_(payload_bytes), buffer_(kPacketsPerRead * payload_bytes) {
     struct stat status {};
     if (stat(path.c_str(), &status) != 0) throw SourceError(path + ": " + std::strerror(errno));
+    if (payload_bytes == 0) {
+      throw SourceError(path + ": how long its packets are is not known: set driver.model");
+    }
     if (S_ISDIR(status.st_mode)) throw SourceError(path + ": is a directory, not a packet file");
     if (status.st_size < static_cast<off_t>(payload_bytes)) {
       throw SourceError(path + ": " + std::to_string(status.st_size) +
