@@ -76,12 +76,42 @@ def folder(tmp_path: Path) -> Path:
         ("0.0\n0.1\n".encode("utf-16"), r"times\.txt: is not UTF-8 text"),
         (b"0.0\ninf\n", r"times\.txt: "),
         (b"0.0\nnan\n", r"times\.txt: "),
+        (b"0.0\nsoon\n", r"times\.txt: soon is no time"),
+        (b"0.0\n1e99999999\n", r"times\.txt: 1e99999999 is no time"),
     ],
 )
 def test_times_that_can_not_be_read_name_their_file(folder: Path, data: bytes, said: str) -> None:
     (folder / "times.txt").write_bytes(data)
     with pytest.raises(Refused, match=said), folders.opened(folder, 0.1):
         pass
+
+
+@pytest.mark.parametrize(
+    ("texts", "stamps_ns"),
+    [
+        # As numpy.savetxt writes s and ns, and Python's print times of more than nine decimals.
+        (
+            ("1.403636579763555527e+09", "1.403636579863555431e+09"),
+            (1_403_636_579_763_555_527, 1_403_636_579_863_555_431),
+        ),
+        (
+            ("1.403636579763555584e+18", "1.403636579863555584e+18"),
+            (1_403_636_579_763_555_584, 1_403_636_579_863_555_584),
+        ),
+        (
+            ("1403636579.76355552673", "1403636579.86355543137"),
+            (1_403_636_579_763_555_527, 1_403_636_579_863_555_431),
+        ),
+        (("0.000000e+00", "1.035900e-01"), (STAMP_NS, STAMP_NS + 103_590_000)),
+    ],
+)
+def test_times_are_numbers_in_any_form(
+    folder: Path, texts: tuple[str, str], stamps_ns: tuple[int, int]
+) -> None:
+    (folder / "times.txt").write_text("\n".join(texts))
+    with folders.opened(folder, 0.1) as opened:
+        tables = list(opened.messages(opened.topics[0]))
+    assert tuple(table.stamp_ns for table in tables) == stamps_ns
 
 
 @pytest.mark.parametrize("more", [(), ("--stream",)])

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from zloam_monitor.recordings.bags import Bag, Topic
 FIRST_NS = 1_000_000_000 * 10**9
 #: Number of digits of a time since 1970 -> its unit in ns.
 EPOCH_NS = {10: 10**9, 13: 10**6, 16: 10**3, 19: 1}
+FEWEST_DIGITS = min(EPOCH_NS)
 #: Files with one time per cloud, in the folder or above it.
 STAMP_FILES = ("times.txt", "timestamps.txt", "stamps.txt")
 #: Farther than any lidar's range; larger coordinates are those of a map.
@@ -73,10 +75,25 @@ def _times_in_file(folder: Path, count: int) -> tuple[Path, list[int]] | None:
                 if len(lines) != count:
                     raise Refused(f"{path} has {len(lines)} times for {count} clouds")
                 try:
-                    return path, [time_ns(t) or FIRST_NS + round(1e9 * float(t)) for t in lines]
-                except (ValueError, OverflowError) as error:
+                    return path, [time_ns(t) or _number_ns(t) for t in lines]
+                except ValueError as error:
                     raise Refused(f"{path}: {error}") from error
     return None
+
+
+def _number_ns(text: str) -> int:
+    """Time since 1970 as any number, such as 1.4036e+09 of numpy.savetxt; or, with fewer digits
+    before the point than such a time has, seconds since the recording's start."""
+    try:
+        number = Decimal(text)
+    except InvalidOperation:
+        number = Decimal("nan")
+    digits = number.adjusted() + 1 if number.is_finite() else FEWEST_DIGITS + 1
+    if digits < FEWEST_DIGITS:
+        return FIRST_NS + round(number * 10**9)
+    if digits not in EPOCH_NS or number < 0:
+        raise ValueError(f"{text} is no time")
+    return round(number * EPOCH_NS[digits])
 
 
 def _utf8(path: Path) -> str:
