@@ -9,6 +9,8 @@ namespace zloam::driver {
 namespace {
 
 constexpr std::int64_t kLookAheadNs = 1'500'000'000;
+// Limit by the receive times: the stamps of packets whose metadata are missing tell no time.
+constexpr std::int64_t kMostReceivedNs = 2 * kLookAheadNs;
 // Enough for 1.5 s of any model, and for other datagrams between them.
 constexpr std::size_t kMostKept = 65'536;
 // If the first packet is late by less than this against the others, its receive time is used as it
@@ -44,7 +46,8 @@ bool LookAhead::add(const Datagram& datagram) {
     first_toh_us_ = toh_us;
   }
   arrivals_.push_back({datagram.received_ns, 1000 * toh_difference_us(toh_us, first_toh_us_)});
-  return arrivals_.back().after_ns >= kLookAheadNs;
+  return arrivals_.back().after_ns >= kLookAheadNs ||
+         datagram.received_ns - arrivals_.front().received_ns >= kMostReceivedNs;
 }
 
 std::int64_t LookAhead::least_late() const {

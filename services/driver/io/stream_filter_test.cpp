@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "driver/io/look_ahead.hpp"
 #include "driver/io/sweep_source.hpp"
 #include "driver/velodyne/test_packets.hpp"
 
@@ -231,6 +232,28 @@ class Recording : public PacketSource {
   Payload payload_;
   std::int64_t packets_ = 0;
 };
+
+/// Packets whose stamps do not advance.
+class Standing : public PacketSource {
+ public:
+  Read next(Datagram& datagram, int /*timeout_ms*/) override {
+    datagram = from(kFirst, packets_++);
+    return packets_ > 20'000 ? Read::kEnd : Read::kDatagram;
+  }
+  NamedCounts counts() const override { return {}; }
+  std::int64_t packets() const { return packets_; }
+
+ private:
+  std::int64_t packets_ = 0;
+};
+
+// Without their metadata, an Ouster's stamps are unknown: it fills a gigabyte in a minute.
+TEST(LookAhead, ReadsNoFurtherWhereTheStampsStand) {
+  Standing standing;
+  const LookAhead ahead(standing, {});
+  EXPECT_LE(standing.packets(), 3'000'000'000 / kPacketNs + 2);
+  EXPECT_EQ(ahead.first_received_ns(), 0);
+}
 
 /// One recording after the other, as a single one.
 class Joined : public PacketSource {
