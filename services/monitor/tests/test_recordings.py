@@ -51,6 +51,12 @@ def test_several_topics_remain_several(tmp_path: Path) -> None:
             bag.choose("")
 
 
+def test_of_several_topics_the_fullest_is_proposed(tmp_path: Path) -> None:
+    path = a_bag(tmp_path / "drive.bag", {"/imu_packets": 2, "/lidar_packets": 6})
+    with bags.opened(path) as bag, pytest.raises(Refused, match=r"driver\.topic=/lidar_packets$"):
+        bag.choose("")
+
+
 def test_fields_of_a_count_of_0_have_one_value() -> None:
     types = get_typestore(Stores.ROS2_JAZZY).types
     stamp = types["builtin_interfaces/msg/Time"](1, 0)

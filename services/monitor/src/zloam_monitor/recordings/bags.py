@@ -115,7 +115,9 @@ class Bag:
             return (packets or full)[0]
         if len(full) > 1:
             listed = ", ".join(map(str, full))
-            raise Refused(f"several topics: {listed}; say which by driver.topic={full[0].name}")
+            # An Ouster's packets have two topics of one type: that of its IMU has fewer.
+            fullest = max(packets or full, key=lambda t: t.messages)
+            raise Refused(f"several topics: {listed}; say which by driver.topic={fullest.name}")
         listed = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for c in self._reader.connections}))
         named = f"no messages of a lidar on {name}" if name else "no messages of a lidar"
         raise Refused(f"{named} ({', '.join(KINDS)}) in it; it has {listed or 'no topic'}")
