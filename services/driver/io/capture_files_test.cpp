@@ -421,6 +421,23 @@ TEST_F(Sources, FragmentsOfANumberThatIsUsedAgainAreNotMixed) {
   EXPECT_EQ(count_of(*source, "datagrams_not_whole"), 1U);
 }
 
+// As `tcpdump -i any` records them on a bridge and on the card in it.
+TEST_F(Sources, FragmentsThatComeTwiceLackNothing) {
+  std::vector<Bytes> frames;
+  for (unsigned number = 0; number < 100; ++number) {
+    for (const Bytes& frame : in_fragments(packet_, number)) {
+      frames.insert(frames.end(), {frame, frame});
+    }
+  }
+  const auto source = open_pcap(write("f.pcap", pcap_file(kMicroseconds, 1, frames)));
+  Datagram datagram;
+  int datagrams = 0;
+  while (source->next(datagram, 0) == Read::kDatagram) ++datagrams;
+  EXPECT_EQ(datagrams, 100);
+  EXPECT_EQ(count_of(*source, "datagrams_not_whole"), 0U);
+  EXPECT_EQ(source->complaint(), "");
+}
+
 TEST_F(Sources, FragmentsWithoutTheirRestAreBoundedAndSaid) {
   std::vector<Bytes> frames;
   for (unsigned number = 0; number < 1000; ++number) {

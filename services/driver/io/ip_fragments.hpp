@@ -24,8 +24,9 @@ class IpFragments {
   std::span<const std::uint8_t> add(const Id& id, std::int64_t received_ns, std::size_t offset,
                                     bool more, std::span<const std::uint8_t> part);
 
-  /// Datagrams whose missing parts did not arrive in time.
-  std::uint64_t incomplete() const { return incomplete_ + open_.size(); }
+  /// Datagrams whose missing parts did not arrive in time. Parts of a datagram that was whole
+  /// before came twice.
+  std::uint64_t incomplete() const;
 
  private:
   static constexpr std::size_t kMostOpen = 64;
@@ -35,6 +36,8 @@ class IpFragments {
     Id id;
     /// of the part that arrived first
     std::int64_t received_ns = 0;
+    /// it was whole before
+    bool again = false;
     std::vector<std::uint8_t> bytes;
     /// from, to of the received parts, ascending, not overlapping
     std::vector<std::pair<std::size_t, std::size_t>> there;
@@ -42,10 +45,18 @@ class IpFragments {
     std::size_t size = 0;
   };
 
+  struct Done {
+    Id id;
+    std::int64_t received_ns;
+  };
+
   static void put(Datagram& datagram, std::size_t offset, std::span<const std::uint8_t> part);
   Datagram& open(const Id& id, std::int64_t received_ns);
+  std::span<const std::uint8_t> take(Datagram& datagram);
 
   std::deque<Datagram> open_;
+  /// those that were whole last
+  std::deque<Done> done_;
   std::vector<std::uint8_t> whole_;
   std::uint64_t incomplete_ = 0;
 };
