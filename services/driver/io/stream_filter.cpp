@@ -34,6 +34,7 @@ DatagramKind StreamFilter::data(const Datagram& datagram) {
     sender_ = first_sender_ = datagram.sender;
     port_ = datagram.port;
   }
+  if (second_sensor_ == 0) second_sensor_ = newcomer_;
   no_newcomer();
   last_received_ns_ = datagram.received_ns;
   return DatagramKind::kData;

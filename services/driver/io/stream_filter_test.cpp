@@ -139,6 +139,29 @@ TEST(PacketStream, ASensorThatWasNamedIsNoOther) {
   EXPECT_EQ(stream.other_sender(), kOther);
 }
 
+// Which of two sensors is heard first is chance.
+TEST(PacketStream, ASecondSensorIsSaidWhereNoneWasNamed) {
+  for (const std::uint32_t named : {0U, kFirst}) {
+    SCOPED_TRACE(named);
+    PacketStreamConfig config;
+    config.sender = named;
+    PacketStream stream(config);
+    TurningSensor first, other;
+    for (std::int64_t i = 0; i < 300; ++i) {
+      const Payload of_first = first.next(), of_other = other.next();
+      stream.add({of_first, kStartNs + kPacketNs * i, 2368, kFirst});
+      stream.add({of_other, kStartNs + kPacketNs * i + 1, 2368, kOther});
+    }
+    stream.flush();
+    EXPECT_EQ(count_of(stream.counts(), "datagrams_foreign"), 300U);
+    EXPECT_EQ(count_of(stream.counts(), "points"), 300U * 384U);
+    ASSERT_EQ(stream.remarks().size(), named == 0 ? 1U : 0U);
+    for (const std::string& remark : stream.remarks()) {
+      EXPECT_NE(remark.find("0.0.0.77"), std::string::npos) << remark;
+    }
+  }
+}
+
 PacketStreamConfig of_port_2368() {
   PacketStreamConfig config;
   config.port = 2368;

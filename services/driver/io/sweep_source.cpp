@@ -254,6 +254,11 @@ NamedCounts PacketStream::counts() const {
 
 std::vector<std::string> PacketStream::remarks() const {
   std::vector<std::string> all = remarks_;
+  if (const std::uint32_t second = filter_.second_sensor(); second != 0) {
+    all.push_back("a second sensor sends from " + ipv4_text(second) +
+                  ": its packets are left out; say which sensor is meant by "
+                  "driver.sensor_address");
+  }
   if (assembler_) {
     const auto& more = assembler_->decoder().contradictions();
     all.insert(all.end(), more.begin(), more.end());
