@@ -34,7 +34,6 @@ DatagramKind StreamFilter::data(const Datagram& datagram) {
     sender_ = first_sender_ = datagram.sender;
     port_ = datagram.port;
   }
-  if (second_sensor_ == 0) second_sensor_ = newcomer_;
   no_newcomer();
   last_received_ns_ = datagram.received_ns;
   return DatagramKind::kData;
@@ -54,6 +53,7 @@ DatagramKind StreamFilter::other_sender(const Datagram& datagram) {
     return DatagramKind::kReturned;
   }
   if (std::find(others_.begin(), others_.end(), datagram.sender) != others_.end()) {
+    if (++packets_of_others_ == kNewcomerPackets) second_sensor_ = datagram.sender;
     return stranger();
   }
   if (newcomer_ != datagram.sender) {

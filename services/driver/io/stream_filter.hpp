@@ -37,7 +37,7 @@ class StreamFilter {
   std::uint16_t port() const { return port_; }
   /// Sender of the last data packet that was skipped; 0: none.
   std::uint32_t other_sender() const { return other_sender_; }
-  /// First other sensor that was received at the same time as this one, if none was named; 0: none.
+  /// Another sensor that keeps sending at the same time as this one, if none was named; 0: none.
   std::uint32_t second_sensor() const { return second_sensor_; }
 
  private:
@@ -65,6 +65,7 @@ class StreamFilter {
   int newcomer_packets_ = 0;
   /// received at the same time as the sensor
   std::vector<std::uint32_t> others_;
+  std::uint64_t packets_of_others_ = 0;
   std::uint32_t second_sensor_ = 0;
   std::uint64_t foreign_ = 0;
 };

@@ -162,6 +162,19 @@ TEST(PacketStream, ASecondSensorIsSaidWhereNoneWasNamed) {
   }
 }
 
+TEST(PacketStream, AStrayPacketIsNoSecondSensor) {
+  PacketStream stream(PacketStreamConfig{});
+  TurningSensor first, other;
+  for (std::int64_t i = 0; i < 300; ++i) {
+    const Payload of_first = first.next(), of_other = other.next();
+    stream.add({of_first, kStartNs + kPacketNs * i, 2368, kFirst});
+    if (i % 100 == 50) stream.add({of_other, kStartNs + kPacketNs * i + 1, 2368, kOther});
+  }
+  stream.flush();
+  EXPECT_EQ(count_of(stream.counts(), "datagrams_foreign"), 3U);
+  EXPECT_TRUE(stream.remarks().empty());
+}
+
 PacketStreamConfig of_port_2368() {
   PacketStreamConfig config;
   config.port = 2368;
