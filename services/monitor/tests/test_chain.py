@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 
 from fake_stage import SWEEPS, loop
-from zloam_monitor import cli, clouds, live, messages, trajectory
+from zloam_monitor import cli, clouds, live, messages, terminal, trajectory
 from zloam_monitor.chain import BinariesMissing, binary
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
 from zloam_monitor.processes import endpoints, free_base_port
+from zloam_monitor.report import accounted
 from zloam_monitor.stages import PORT_ORDER, STAGES
 from zloam_monitor.watch import STALE_SECONDS, view
 
@@ -245,30 +246,54 @@ def test_where_data_are_missing_is_the_drivers_place() -> None:
     assert "firewall" in advice
 
 
-def test_interrupted_live_run_writes_what_it_has(build: Path) -> None:
-    program = [
-        sys.executable,
-        "-m",
-        "zloam_monitor",
-        "run",
-        "--preset-dir",
-        str(build),
-        "--config",
-        str(build / "robot.yaml"),
-        "--out",
-        str(build / "out"),
-    ]
+def until_sweep(build: Path) -> subprocess.Popen[str]:
+    """A live run as a program of its own, which has said that sweeps come."""
+    words = ["run", "--preset-dir", build, "--config", build / "robot.yaml", "--out", build / "out"]
     environment = {**os.environ, "PYTHONPATH": str(HERE.parent / "src"), "PYTHONUNBUFFERED": "1"}
-    with subprocess.Popen(program, stdout=subprocess.PIPE, env=environment, text=True) as process:
-        assert process.stdout is not None
-        for line in process.stdout:
-            if line.startswith("sweep"):
-                process.send_signal(signal.SIGINT)
-                break
-        rest = process.stdout.read()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "zloam_monitor", *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment,
+        text=True,
+    )
+    assert process.stdout is not None
+    while not process.stdout.readline().startswith("sweep"):
+        assert process.poll() is None
+    return process
+
+
+def test_interrupted_live_run_writes_what_it_has(build: Path) -> None:
+    with until_sweep(build) as process:
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate()
     assert "writing trajectory and map" in rest
     assert len(trajectory.read(build / "out" / "trajectory.tum")) > 0
     assert (build / "out" / "map.pcd").exists()
+
+
+def test_a_live_run_is_reported_though_nobody_reads_its_end(build: Path) -> None:
+    """Ctrl-C ends the other programs of a pipeline at once, as `tee` of `zloam run | tee log`."""
+    with until_sweep(build) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.read() == ""
+    report = json.loads((build / "out" / "report.json").read_text())
+    assert process.returncode == (0 if accounted(report) else 1)
+    assert len(trajectory.read(build / "out" / "trajectory.tum")) > 0
+
+
+def test_a_live_run_ends_in_order_when_its_reader_has_ended(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    silenced = []
+    monkeypatch.setattr(terminal, "silence", lambda: silenced.append(True))
+    with live._until_unheard():
+        raise BrokenPipeError
+    assert silenced
+    assert "the reader of the output has ended" in capsys.readouterr().err
 
 
 def listens(port: int) -> bool:

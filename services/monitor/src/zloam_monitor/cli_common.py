@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Annotated, Any, ParamSpec
 
 import typer
 
-from zloam_monitor import ending, places
+from zloam_monitor import ending, places, terminal
 from zloam_monitor.failures import Explained, FileTrouble
 from zloam_monitor.stages import PORT_ORDER, STAGES
 
@@ -50,7 +49,7 @@ def _code(run: Callable[[], int]) -> int:
         said("interrupted")
         return 130
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        terminal.silence()
         return 1
     except OSError as error:
         said(f"cannot be read or written: {error}")

@@ -221,7 +221,7 @@ def run(
     many_settings: common.ManySettings = "",
 ) -> int:
     """Run the stages on a live sensor until Ctrl-C, then write trajectory and map."""
-    from zloam_monitor import live, methods, places, ports, report
+    from zloam_monitor import live, methods, places, ports, report, terminal
     from zloam_monitor.beside_stages import Beside
     from zloam_monitor.robot_file import names
     from zloam_monitor.settings import several
@@ -246,8 +246,7 @@ def run(
             beside=beside.stages(),
         )
     )
-    print(report.table(found))
-    print(f"files: {out}/")
+    terminal.last_words(f"{report.table(found)}\nfiles: {out}/")
     return report.exit_code(found)
 
 

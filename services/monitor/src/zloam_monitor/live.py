@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 import time
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import ending, outputs, remarks, run_recording
+from zloam_monitor import ending, outputs, remarks, run_recording, terminal
 from zloam_monitor.chain import Chain
 from zloam_monitor.claims import Claim
 from zloam_monitor.link import Link
@@ -110,19 +112,32 @@ def _watch(
     supervisor = Supervisor(chain)
     diagnosis = Diagnosis(*data_place(chain.link.query_configs()))
     began = time.monotonic()
-    print("running; Ctrl-C writes trajectory and map and ends")
-    while not interrupt.asked:
-        chain.link.poll(0.2)
-        now = time.monotonic()
-        if options.seconds is not None and now - began > options.seconds:
-            break
-        said = [*diagnosis.words(chain.link, now), *logs.new_warnings()]
-        for news in (*supervisor.look(now), *noted.news(said, now)):
-            line.end()
-            print(news, flush=True)
-        line.show(state_line(chain.link, now))
-    line.end()
+    with _until_unheard():
+        print("running; Ctrl-C writes trajectory and map and ends")
+        while not interrupt.asked:
+            chain.link.poll(0.2)
+            now = time.monotonic()
+            if options.seconds is not None and now - began > options.seconds:
+                break
+            said = [*diagnosis.words(chain.link, now), *logs.new_warnings()]
+            for news in (*supervisor.look(now), *noted.news(said, now)):
+                line.end()
+                print(news, flush=True)
+            line.show(state_line(chain.link, now))
+        line.end()
     return time.monotonic() - began
+
+
+@contextmanager
+def _until_unheard() -> Iterator[None]:
+    """Ends the block when the reader of the output has ended: then the run ends in order, as with a
+    terminal that is closed."""
+    try:
+        yield
+    except BrokenPipeError:
+        terminal.silence()
+        with suppress(BrokenPipeError):  # The same reader, with 2>&1.
+            print("the reader of the output has ended: so does the run", file=sys.stderr)
 
 
 def run(options: LiveOptions) -> dict[str, Any]:
@@ -160,7 +175,7 @@ def _heard(options: LiveOptions, claim: Claim) -> Run:
         interrupt, noted = _Interrupt(), Remarks()
         with ending.handled(interrupt.ask, ending.TOLD):
             wall_s = _watch(chain, options, interrupt, noted, logs)
-            print("writing trajectory and map", flush=True)
+            terminal.last_words("writing trajectory and map")
             chain.link.query_statuses()
             chain.link.query_revisions()
             codes = chain.stop()

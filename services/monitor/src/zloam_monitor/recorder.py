@@ -19,7 +19,7 @@ from typing import Any
 
 import zenoh
 
-from zloam_monitor import ending, messages, records, se3
+from zloam_monitor import ending, messages, records, se3, terminal
 from zloam_monitor.foxglove_scene import Scene
 from zloam_monitor.intake import MIB, Intake, Sample
 from zloam_monitor.keys import Keys, topic_of
@@ -394,5 +394,5 @@ def record(link: Link, options: Options, seconds: float | None) -> int:
         line.end()
         recorder.close()
     silence = recorder.silence()
-    print("\n".join([recorder.summary(), *silence]), flush=True)
+    terminal.last_words("\n".join([recorder.summary(), *silence]))
     return 1 if recorder.lacks() or silence else 0

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import ending, messages, records
+from zloam_monitor import ending, messages, records, terminal
 from zloam_monitor.failures import Misuse
 from zloam_monitor.keys import TILES, Keys
 from zloam_monitor.link import open_session
@@ -183,12 +183,12 @@ def replay(options: Options) -> int:
             _publish(stand, found, options, (extent.begin_ns, begin_ns), goes_on)
     finally:
         stand.close()
-    print(f"{stand.published} messages published", flush=True)
+    terminal.last_words(f"{stand.published} messages published")
     remarks = list(log.remarks)
     if stand.unreadable:
         remarks.append(f"{stand.unreadable} tiles could not be read: they are left out")
     for remark in remarks:
-        print(remark, flush=True)
+        terminal.last_words(remark)
     return 1 if remarks else 0
 
 

@@ -1,7 +1,9 @@
-"""A progress line: overwritten on a terminal, elsewhere printed again at longer intervals."""
+"""Output of commands that run for long: a progress line, overwritten on a terminal and elsewhere
+printed again at longer intervals, and last words."""
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 
@@ -9,6 +11,22 @@ import time
 def unreadable(count: int) -> str:
     """Words after other counts: how many messages could not be read; empty if all could."""
     return f", {count} could not be read" if count else ""
+
+
+def silence() -> None:
+    """Sends further output nowhere, after its reader has ended."""
+    sink = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(sink, sys.stdout.fileno())
+    os.close(sink)
+
+
+def last_words(text: str) -> None:
+    """Prints what is said after Ctrl-C. It ends the reader of `zloam run | tee log` too, which is
+    no failure of the command."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        silence()
 
 
 class ProgressLine:
