@@ -26,6 +26,7 @@ from zloam_monitor.chain import Chain
 from zloam_monitor.link import STANDING_BY, Link
 from zloam_monitor.records import StatusRecord
 from zloam_monitor.robot_file import names
+from zloam_monitor.stages import standby_of
 from zloam_monitor.trajectory import read
 
 #: length of the drives, at least; a run goes on until its last hand-over is done
@@ -77,12 +78,10 @@ def until_waiting(run: LiveRun, stage: str, instance: str) -> None:
 
 def instance_of(run: LiveRun, name: str) -> str:
     """The instance name under which the process publishes."""
-    pid = run.chain.processes.running[name].pid
-    return (
-        name
-        if name.endswith("-standby")
-        else next(i for _, i in run.chain.link.statuses if i.endswith(f"-{pid}"))
-    )
+    process = run.chain.processes.running[name]
+    if "--instance" in process.command:
+        return process.command[process.command.index("--instance") + 1]
+    return next(i for _, i in run.chain.link.statuses if i.endswith(f"-{process.pid}"))
 
 
 def live(build: Path, robot_file: Path, drive: Capture, out: Path) -> LiveRun:
@@ -98,7 +97,7 @@ def test_on_command_nothing_is_missing(
         run.chain.start_standbys()
         poses = FIRST
         for count, stage in enumerate(REPLACED * 2):
-            own, other = instance_of(run, stage), f"{stage}-standby"
+            own, other = instance_of(run, stage), instance_of(run, standby_of(stage))
             to = other if count < len(REPLACED) else own
             until_waiting(run, stage, to)
             run.until_poses(poses)
@@ -125,7 +124,7 @@ def test_one_that_stands_still_is_overtaken_and_stands_by(
     run = live(build, robot_file, drive, tmp_path)
     with run:
         run.chain.start_standbys()
-        until_waiting(run, stage, f"{stage}-standby")
+        until_waiting(run, stage, instance_of(run, standby_of(stage)))
         run.until_poses(FIRST)
         own = instance_of(run, stage)
         process = run.chain.processes.running[stage]
@@ -154,7 +153,7 @@ def test_one_whose_worker_hangs_is_overtaken_and_begins_again(
     run.chain.environments[stage] = {"ZLOAM_FAULT_HANG_AT_SWEEP": str(HANG_AT_SWEEP)}
     with run:
         run.chain.start_standbys()
-        until_waiting(run, stage, f"{stage}-standby")
+        until_waiting(run, stage, instance_of(run, standby_of(stage)))
         own = instance_of(run, stage)
         run.until_poses(HANG_AT_SWEEP + APART)
         until_waiting(run, stage, own)

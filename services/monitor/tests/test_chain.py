@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,12 @@ import pytest
 
 from fake_stage import SWEEPS, loop
 from zloam_monitor import cli, clouds, live, messages, terminal, trajectory
-from zloam_monitor.chain import BinariesMissing, binary
+from zloam_monitor.chain import STOOD_BY, BinariesMissing, Chain, binary
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, open_session
 from zloam_monitor.processes import endpoints, free_base_port
 from zloam_monitor.report import accounted
-from zloam_monitor.stages import PORT_ORDER, STAGES
+from zloam_monitor.stages import PORT_ORDER, STAGES, standby_of
 from zloam_monitor.watch import STALE_SECONDS, view
 
 HERE = Path(__file__).parent
@@ -294,6 +295,27 @@ def test_a_live_run_ends_in_order_when_its_reader_has_ended(
         raise BrokenPipeError
     assert silenced
     assert "the reader of the output has ended" in capsys.readouterr().err
+
+
+def test_no_start_of_a_standby_has_the_instance_of_one_before(
+    build: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Store and ROS node would take its messages, numbered from 0, for second copies."""
+    started: list[tuple[str, str]] = []
+
+    def note(name: str, command: list[str], *_: object) -> None:
+        started.append((name, command[command.index("--instance") + 1]))
+
+    chain = Chain(build, build / "robot.yaml", "robot", [], build / "logs")
+    with closing(chain):
+        monkeypatch.setattr(chain.processes, "start", note)
+        chain.start_standbys()
+        time.sleep(0.01)
+        for name, _ in list(started):
+            chain.start(name)
+    assert [name for name, _ in started] == [standby_of(stage) for stage in STOOD_BY] * 2
+    assert len({instance for _, instance in started}) == len(started)
+    assert all(instance.startswith(f"{name}-") for name, instance in started)
 
 
 def listens(port: int) -> bool:

@@ -185,7 +185,7 @@ def test_another_robot_than_the_one_asked_for(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_two_robots_with_standbys_are_two(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A standby is named after its stage alone, so two robots have instances of the same name."""
+    """Standbys that were started by hand may have the same names in both."""
 
     def instances(pid: int) -> tuple[tuple[str, str], ...]:
         return (("mapping", f"host-{pid}"), ("mapping", "mapping-standby"))
@@ -213,7 +213,7 @@ def of_car(endpoint: str, *pids: int) -> discovery.Found:
 def test_two_robots_of_one_name_are_two(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The names of their standbys are the same, too: only the first was shown."""
+    """If the names of their standbys are the same, too, only the first was shown."""
     first, second = endpoint_of("a:1"), endpoint_of("b:2")
     answers = {first: [of_car(first, 1)], second: [of_car(second, 2)]}
     monkeypatch.setattr(discovery, "ask", lambda endpoint, _: answers[endpoint])

@@ -104,6 +104,8 @@ class Chain:
             )
             for stage in (*STAGES, *beside)
         }
+        #: Name of a standby -> its stage.
+        self._standbys: dict[str, str] = {}
         self._beside = tuple(beside)
         self._logs = logs
         keys = Keys(robot, sensor)
@@ -160,14 +162,19 @@ class Chain:
     def start(self, stage: str, log: str | None = None) -> None:
         """Starts a stage, or starts it again; `log`: name of its log file without .log."""
         path = self._logs / f"{log or stage}.log"
-        self.processes.start(stage, self._commands[stage], path, self.environments.get(stage))
+        if stage in self._standbys:
+            # Readers know second copies by instance and number, and numbers count from each start.
+            instance = f"{stage}-{time.time_ns() // 10**6}"
+            command = self._command_as(self._standbys[stage], instance)
+        else:
+            command = self._commands[stage]
+        self.processes.start(stage, command, path, self.environments.get(stage))
 
     def start_standbys(self) -> None:
         """Starts a standby of each stage that can have one (recovery.standby). To restart a
         standby, call start() with its name."""
-        for stage in STOOD_BY:
-            name = standby_of(stage)
-            self._commands[name] = self._command_as(stage, name)
+        self._standbys = {standby_of(stage): stage for stage in STOOD_BY}
+        for name in self._standbys:
             self.start(name)
 
     def _command_as(self, stage: str, instance: str) -> list[str]:

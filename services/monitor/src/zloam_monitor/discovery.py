@@ -70,7 +70,8 @@ class Found:
 
     @property
     def own(self) -> set[tuple[str, str, str]]:
-        """(robot, stage, instance) of what no other robot has; standbys have one name in all."""
+        """(robot, stage, instance) of what no other robot has; standbys may have one name in all
+        that was given by hand (--instance)."""
         named = [each for each in self.instances if each[1] != standby_of(each[0])]
         return {(self.robot, stage, instance) for stage, instance in named or self.instances}
 

@@ -52,7 +52,8 @@ def _pose_path() -> tuple[str, ...]:
 
 
 def standby_of(stage: str) -> str:
-    """Name of the standby that `zloam run --standby` starts: the same in every robot."""
+    """Name of the process that `zloam run --standby` starts as a standby; its instance has the time
+    of its start in addition."""
     return f"{stage}-standby"
 
 
