@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +14,7 @@ import pytest
 
 from test_doctor import status
 from test_report import STEP_NS, run_with
-from zloam_monitor import comparison, outputs, report, trajectory
+from zloam_monitor import claims, comparison, outputs, report, trajectory
 from zloam_monitor.keys import Keys
 from zloam_monitor.records import HEALTH, Input, StatusRecord
 from zloam_monitor.report import Run
@@ -31,6 +34,35 @@ def test_what_a_stage_could_not_write_is_not_written(tmp_path: Path) -> None:
         "mapping: map file: cannot write out/map.pcd: No space left on device"
     ]
     assert report.exit_code(found) == 3
+
+
+@contextmanager
+def full_disk() -> Iterator[None]:
+    """No file can grow."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_on_a_full_disk_the_run_is_still_reported(tmp_path: Path) -> None:
+    run = run_with([n * STEP_NS for n in range(1, 20)])
+    claim = outputs.claim(tmp_path)
+    with full_disk(), claim:
+        claim.begin()
+        found = outputs.write_all(tmp_path, "a run", run, stages_write_here=False)
+    lacking = ("heard.tum", "heard.kitti", "poses.csv", "report.json", "picture.png")
+    for name in lacking:
+        assert f"{tmp_path / name}: File too large" in found["not_written"]
+        assert not (tmp_path / name).exists()
+    assert report.exit_code(found) == 3
+    assert f"not written: {tmp_path / 'poses.csv'}: File too large" in report.table(found)
+    # A later run may replace what was written.
+    claims.let_go()
+    (tmp_path / "heard.tum").write_text("1 0 0 0 0 0 0 1\n")
+    outputs.claim(tmp_path)
 
 
 def test_the_report_names_the_file_of_its_own_run(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
@@ -111,7 +112,8 @@ class Claim:
             _put_back(self._folder)
         else:
             # Without an earlier run, the files of a failed start stay, e.g. its logs.
-            self._record()
+            with suppress(OSError):  # On a full disk they stay marked as those of a run.
+                self._record()
 
     def begin(self) -> None:
         """The run has begun: removes the files of the run before."""

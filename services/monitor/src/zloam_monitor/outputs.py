@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -167,7 +168,16 @@ def _world_file(folder: Path, run: Run) -> Path | None:
     return of_run(Files(folder).world_tum, run.trajectory, np.inf)
 
 
-def collected(folder: Path, run: Run) -> Run:
+@contextmanager
+def _noted(lacks: list[str]) -> Iterator[None]:
+    """Notes a file that can't be written, as on a full disk: it costs none of the others."""
+    try:
+        yield
+    except OSError as error:
+        lacks.append(f"{error.filename}: {error.strerror or error}")
+
+
+def collected(folder: Path, run: Run, lacks: list[str]) -> Run:
     """The run with the trajectories that the stages wrote, or else the received poses, which are
     then written to files of their own."""
     files = Files(folder)
@@ -180,12 +190,15 @@ def collected(folder: Path, run: Run) -> Run:
     if odometry is not None:
         run = replace(run, odometry=numbered(odometry, run.odometry))
     elif len(run.odometry):
-        trajectory.write_tum(files.heard_odometry, run.odometry)
+        with _noted(lacks):
+            trajectory.write_tum(files.heard_odometry, run.odometry)
     written = of_run(files.trajectory_tum, run.trajectory)
     if written is not None:
         return replace(run, trajectory=numbered(written, run.trajectory))
-    trajectory.write_tum(files.heard_tum, run.trajectory)
-    trajectory.write_kitti(files.heard_kitti, run.trajectory)
+    with _noted(lacks):
+        trajectory.write_tum(files.heard_tum, run.trajectory)
+    with _noted(lacks):
+        trajectory.write_kitti(files.heard_kitti, run.trajectory)
     return run
 
 
@@ -275,15 +288,17 @@ def write_all(
     """Writes all files that the stages do not write themselves; returns the report."""
     files = Files(folder)
     missing = missing_files(folder, run) if stages_write_here else []
-    run = collected(folder, run)
+    run = collected(folder, run, missing)
     sweeps = max(report.accounts_of(run).sweeps, len(run.trajectory))
     truths, lacks = references.of_drive(run.truths, sweeps)
     run = replace(run, truths=truths, no_reference=[*run.no_reference, *lacks])
     for truth in list(run.truths.values())[:1]:
         stamped = stamped_truth(truth, run.trajectory)
         if stamped.stamps_ns is not None:
-            trajectory.write_tum(files.ground_truth, stamped)
-    pose_table.write(files.poses, run.poses)
+            with _noted(missing):
+                trajectory.write_tum(files.ground_truth, stamped)
+    with _noted(missing):
+        pose_table.write(files.poses, run.poses)
     found = report.build(run)
     found["trajectory_file"] = trajectory_file(folder, run)
     found["not_written"] = [
@@ -293,7 +308,17 @@ def write_all(
         *run.not_recorded,
     ]
     found["earlier_runs"] = earlier_runs(folder, run) if stages_write_here else []
-    report.write(files.report, found)
-    write_picture(folder, title, run)
-    html_report.write(folder, title)
+    _write_report(folder, title, run, found)
     return found
+
+
+def _write_report(folder: Path, title: str, run: Run, found: dict[str, Any]) -> None:
+    """Writes report, picture and page; the report in memory names those that can't be written."""
+    lacks, path = found["not_written"], Files(folder).report
+    with _noted(lacks):
+        report.write(path, found)
+    with _noted(lacks):
+        write_picture(folder, title, run)
+    if path.exists():
+        with _noted(lacks):
+            html_report.write(folder, title)
