@@ -140,6 +140,14 @@ def test_systemd_leaves_the_stages_to_zloam_run() -> None:
     assert "exec /usr/bin/zloam run" in unit["Service"]["ExecStart"]
 
 
+def test_the_service_may_open_a_serial_scanner() -> None:
+    """Its user exists only while it runs, so that no administrator can add it to a group."""
+    unit = configparser.ConfigParser(interpolation=None, strict=False)
+    unit.read(ROOT / "deploy/debian/zenoh-loam.service")
+    assert unit["Service"]["DynamicUser"] == "yes"
+    assert unit["Service"]["SupplementaryGroups"] == "dialout"
+
+
 def test_systemd_tells_a_robot_file_that_is_missing_and_the_comment_puts_it_there(
     tmp_path: Path,
 ) -> None:
