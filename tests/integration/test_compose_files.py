@@ -263,8 +263,10 @@ def test_the_monitor_follows_the_robot_of_the_stages(tmp_path: Path) -> None:
     assert "/etc/zloam" in mounts(found["monitor"])
 
 
-def test_with_tls_the_driver_finds_the_plain_port_where_it_is() -> None:
-    found = services("live", "secured", ZLOAM_ROUTER_PORT="127.0.0.1:7450")
+@pytest.mark.parametrize("layers", [("live",), ("live", "standby"), ("live", "replicas")])
+def test_with_tls_the_driver_finds_the_plain_port_where_it_is(layers: tuple[str, ...]) -> None:
+    """Where stages publish no port it is the driver's only way to them."""
+    found = services(*layers, "secured", ZLOAM_ROUTER_PORT="127.0.0.1:7450")
     ports = {p["target"]: (p.get("host_ip"), p["published"]) for p in found["router"]["ports"]}
     assert ports == {7447: ("127.0.0.1", "7450"), 7448: (None, "7448")}
     assert found["driver"]["environment"]["ZLOAM_CONNECT"] == "tcp/127.0.0.1:7450"
