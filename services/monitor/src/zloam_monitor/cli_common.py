@@ -85,6 +85,13 @@ def endpoints(connect: list[str] | None) -> list[str]:
     return found
 
 
+def positive(value: float | None) -> float | None:
+    """Refuses a time that never passes (nan), or is none."""
+    if value is not None and not value > 0.0:
+        raise typer.BadParameter(f"{value}: a time above 0 is expected")
+    return value
+
+
 def robot_names() -> list[str]:
     return sorted(path.stem for path in places.robots().glob("*.yaml"))
 
@@ -150,7 +157,8 @@ Address = Annotated[
     str, typer.Option(help="Address to listen on; 0.0.0.0 lets other machines connect.")
 ]
 ForSeconds = Annotated[
-    float | None, typer.Option(help="Seconds after which to end. Default: at Ctrl-C.")
+    float | None,
+    typer.Option(help="Seconds after which to end. Default: at Ctrl-C.", callback=positive),
 ]
 Record = Annotated[
     Path | None,

@@ -46,7 +46,9 @@ def watch(
     connect: common.Connect = None,
     robot: common.Robot = None,
     seconds: common.ForSeconds = None,
-    every: Annotated[float, typer.Option(help="Seconds between two updates.")] = 2.0,
+    every: Annotated[
+        float, typer.Option(help="Seconds between two updates.", callback=common.positive)
+    ] = 2.0,
     as_json: common.Json = False,
 ) -> int:
     """Print pose and health of each stage repeatedly; with --json one line per update."""
@@ -212,7 +214,9 @@ def doctor(
             help="A capture (pcap, pcapng), a payload file (.bin), or what zloam record wrote.",
         ),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Seconds to listen to a robot.")] = 5.0,
+    seconds: Annotated[
+        float, typer.Option(help="Seconds to listen to a robot.", callback=common.positive)
+    ] = 5.0,
     model: Annotated[str | None, typer.Option(help="driver.model, for a file")] = None,
     metadata: Annotated[Path | None, typer.Option(help="driver.metadata, for a file")] = None,
     connect: common.Connect = None,

@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 SIMULATED_IMU = "simulated"
 #: Options of demo that name a recording.
 RECORDED = ("pcap", "bin", "kitti", "scans", "bag", "session")
+#: Values of driver.source that are recordings -> the option of demo.
+REPLAYED_BY = {
+    **{name: name for name in ("pcap", "bin", "kitti", "scans")},
+    "recording": "bag",
+    "scip_log": "session",
+}
 #: Default worlds of the simulator, for the VLP-16 and for the Hokuyo.
 CITY, INDOOR = "city", "indoor"
 
@@ -223,13 +229,14 @@ def run(
     """Run the stages on a live sensor until Ctrl-C, then write trajectory and map."""
     from zloam_monitor import live, methods, places, ports, report, terminal
     from zloam_monitor.beside_stages import Beside
-    from zloam_monitor.robot_file import names
+    from zloam_monitor.robot_file import driver_values, names
     from zloam_monitor.settings import several
 
     beside = Beside(graph, map, localize, extend, methods.programs(method))
     settings = [*beside.settings(), *(settings or []), *several(many_settings)]
     file = config or places.robot_file("vlp16-outdoor")
     robot = names(file, settings)
+    _check_live(driver_values(file, settings).get("driver.source", ""))
     found = live.run(
         live.LiveOptions(
             build=common.kept(preset_dir),
@@ -248,6 +255,15 @@ def run(
     )
     terminal.last_words(f"{report.table(found)}\nfiles: {out}/")
     return report.exit_code(found)
+
+
+def _check_live(source: str) -> None:
+    """A recording ends, and a live run would start its driver again and again."""
+    if option := REPLAYED_BY.get(source):
+        raise Misuse(
+            f"driver.source is {source}, a recording: `zloam run` is for a live sensor, and "
+            f"`zloam demo --{option} PATH` replays"
+        )
 
 
 @command
@@ -280,7 +296,8 @@ def follow(
     patience: Annotated[
         float | None,
         typer.Option(
-            help="Seconds from all stages being heard until the first pose. Default: no limit."
+            help="Seconds from all stages being heard until the first pose. Default: no limit.",
+            callback=common.positive,
         ),
     ] = None,
     many_settings: common.ManySettings = "",
