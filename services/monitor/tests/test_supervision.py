@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -62,6 +63,42 @@ def test_a_stage_that_dies_is_started_again_with_growing_pauses(tmp_path: Path) 
     assert (tmp_path / "mapping.log").read_text().count("something broke") == chain.starts
     # After a long steady time the first pause applies again.
     assert "started again in 1 s" in supervisor.look(now + 61.0)[0]
+    chain.processes.stop()
+
+
+def test_a_stage_that_cannot_be_started_is_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What ends one stage, such as a lack of memory, may refuse its next start, too."""
+    chain = FakeChain(tmp_path)
+    supervisor = Supervisor(chain)
+    chain.until_dead()
+    supervisor.look(100.0)
+    descriptors = len(list(Path("/proc/self/fd").iterdir()))
+    with monkeypatch.context() as short:
+        short.setattr(subprocess, "Popen", refuse)
+        (said,) = supervisor.look(101.0)
+        assert "mapping can't be started" in said
+        assert said.endswith("Cannot allocate memory): next attempt in 2 s")
+    assert len(list(Path("/proc/self/fd").iterdir())) == descriptors - 2  # Of the dead process.
+    assert supervisor.look(102.9) == []
+    assert supervisor.look(103.0) == []
+    chain.until_dead()
+    assert "mapping ended with exit code 5" in supervisor.look(104.0)[0]
+    chain.processes.stop()
+
+
+def refuse(*_: object, **__: object) -> None:
+    raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+
+
+def test_a_stage_is_started_again_though_its_log_was_removed(tmp_path: Path) -> None:
+    chain = FakeChain(tmp_path)
+    chain.until_dead()
+    (tmp_path / "mapping.log").unlink()
+    (said,) = Supervisor(chain).look(100.0)
+    assert "is started again in 1 s" in said
+    assert "mapping.log" in said
     chain.processes.stop()
 
 

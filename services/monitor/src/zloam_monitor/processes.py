@@ -122,16 +122,21 @@ class Process:
         self._log = self.log_path.open("ab")
         # The other end closes when this program ends for whatever reason, and the stage then ends.
         inherited, self._alive = os.pipe()
-        # A new session: Ctrl-C reaches only this program, which then ends the stages in order.
-        self._process = subprocess.Popen(
-            self.command,
-            stdout=self._log,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            env={**os.environ, **self.environment, PARENT_PIPE: str(inherited)},
-            pass_fds=[inherited],
-        )
-        os.close(inherited)
+        try:
+            # A new session: Ctrl-C reaches only this program, which then ends the stages in order.
+            self._process = subprocess.Popen(
+                self.command,
+                stdout=self._log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env={**os.environ, **self.environment, PARENT_PIPE: str(inherited)},
+                pass_fds=[inherited],
+            )
+        except OSError:
+            self._close()
+            raise
+        finally:
+            os.close(inherited)
 
     @property
     def pid(self) -> int:
@@ -142,7 +147,10 @@ class Process:
         return self._process.poll()
 
     def last_lines(self, count: int = LOG_LINES) -> str:
-        lines = self.log_path.read_text(errors="replace").splitlines()
+        try:
+            lines = self.log_path.read_text(errors="replace").splitlines()
+        except OSError as error:  # Removed during the run, for example.
+            lines = [str(error)]
         return "\n".join("  " + line for line in lines[-count:]) or "  (no output)"
 
     def send(self, signal_number: int) -> None:
@@ -156,8 +164,11 @@ class Process:
             return None
         finally:
             if self._process.poll() is not None and not self._log.closed:
-                self._log.close()
-                os.close(self._alive)
+                self._close()
+
+    def _close(self) -> None:
+        self._log.close()
+        os.close(self._alive)
 
 
 class Processes:

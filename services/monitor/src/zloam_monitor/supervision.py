@@ -56,7 +56,16 @@ class Supervisor:
                 )
             elif now >= known.again_at:
                 process.wait(0.0)
-                self._chain.start(stage)
                 known.pause_s = min(2 * known.pause_s, LONGEST_PAUSE_S)
-                known.began, known.again_at = now, None
+                said += self._start(stage, known, now)
         return said
+
+    def _start(self, stage: str, known: _Fallen, now: float) -> list[str]:
+        """Restarts a stage; a text if the system refuses, which must not end the other stages."""
+        try:
+            self._chain.start(stage)
+        except OSError as error:
+            known.again_at = now + known.pause_s
+            return [f"{stage} can't be started ({error}): next attempt in {known.pause_s:.0f} s"]
+        known.began, known.again_at = now, None
+        return []
