@@ -24,7 +24,7 @@ enum class Outcome : std::uint8_t { kProcessed, kNotMine, kFenced, kInvalid, kHe
 enum class Order : std::uint8_t {
   /// ascending sweep, gaps waited for and requested
   kBySweep,
-  /// by arrival; duplicates dropped by (instance, seq)
+  /// by arrival; duplicates dropped by (instance, term, seq)
   kAsTheyCome,
 };
 

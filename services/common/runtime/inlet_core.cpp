@@ -219,10 +219,10 @@ std::optional<Drop> InletCore::file(Message message) {
   if (setup_.options.order == Order::kBySweep) {
     return sequencer_.add(std::move(message), steady_ns());
   }
-  if (const auto drop = seen_.add(message.header->instance()->str(), message.header->seq(),
-                                  message.header->replay(), steady_ns())) {
-    return drop;
-  }
+  const msg::Header& header = *message.header;
+  // A process that stands by again keeps its name, but its numbers count from 0 when it takes over.
+  const std::string life = header.instance()->str() + '/' + std::to_string(header.term());
+  if (const auto drop = seen_.add(life, header.seq(), header.replay(), steady_ns())) return drop;
   if (arrivals_.size() >= kMaxQueued) return Drop::kQueueFull;
   arrivals_.push_back(std::move(message));
   const std::size_t newest = setup_.limits.newest;

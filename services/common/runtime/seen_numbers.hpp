@@ -1,6 +1,6 @@
 #pragma once
 // The messages of one input key without sweeps, without clock, threads or transport: duplicates by
-// (publisher's instance, seq), and the numbers to request (docs/protocol.md, section 3). Messages
+// (publisher, seq), and the numbers to request (docs/protocol.md, section 3). Messages
 // are accepted in order of arrival. Messages that a publisher sent before its first received
 // message are not missed.
 //
@@ -24,9 +24,9 @@ class SeenNumbers {
  public:
   explicit SeenNumbers(const SequencerLimits& limits = {}) : limits_(limits) {}
 
-  /// Nothing: a new number; else kDuplicate, or kInvalid for a number out of reach. replay: missing
-  /// numbers are never given up.
-  std::optional<Drop> add(const std::string& instance, std::uint64_t seq, bool replay,
+  /// Nothing: a new number; else kDuplicate, or kInvalid for a number out of reach. publisher: a name
+  /// whose numbers count from 0. replay: missing numbers are never given up.
+  std::optional<Drop> add(const std::string& publisher, std::uint64_t seq, bool replay,
                           std::int64_t now_ns);
 
   struct Request {

@@ -37,11 +37,13 @@ struct Fenced {
     return reader->accounts().at(0).dropped[static_cast<std::size_t>(reason)];
   }
 
+  InletOptions options{};
   Network network{2};
   Watched<std::vector<std::uint64_t>> seen;
   RunningStage reader{network.open(0), setup("integration"), [this](Stage& stage) {
                         stage.inlet<msg::Odometry>(
-                            Key::kOdometry, {}, [this](const Received<msg::Odometry>& odometry) {
+                            Key::kOdometry, options,
+                            [this](const Received<msg::Odometry>& odometry) {
                               seen.change([&](auto& all) { all.push_back(odometry.sweep()); });
                             });
                       }};
@@ -64,6 +66,17 @@ TEST(Fencing, WhoWasOvertakenAndDoesNotKnowItIsFenced) {
   ASSERT_TRUE(f.seen.wait([](const auto& list) { return list.size() == 4; }));
   EXPECT_THAT(f.seen.get(), testing::ElementsAre(0, 1, 2, 3));
   EXPECT_EQ(f.dropped(Drop::kFenced), 1U);
+  EXPECT_EQ(f.dropped(Drop::kDuplicate), 0U);
+}
+
+// After two hand-overs the first process works again, under its name, and begins to count again.
+TEST(Fencing, TheNumbersOfWhoTakesOverAgainBeginAgain) {
+  Fenced f{.options = {.order = Order::kAsTheyCome}};
+  wait_for_reader(f.out);
+  for (const std::uint32_t term : {1U, 3U}) {
+    for (const std::uint64_t number : {0U, 1U}) f.put(1, number, term);
+  }
+  EXPECT_TRUE(f.seen.wait([](const auto& list) { return list.size() == 4; }));
   EXPECT_EQ(f.dropped(Drop::kDuplicate), 0U);
 }
 
