@@ -19,6 +19,14 @@ using test::Watched;
 
 /// Publishes odometry to a stage that reads it.
 struct Fenced {
+  explicit Fenced(Order order = Order::kBySweep) : input(inlet_of(order)) {}
+
+  static InletOptions inlet_of(Order order) {
+    InletOptions options;
+    options.order = order;
+    return options;
+  }
+
   void put(std::uint64_t run, std::uint64_t sweep, std::uint32_t term) {
     HeaderFields h = sweep_header(run, sweep, true);
     h.term = term;
@@ -37,12 +45,12 @@ struct Fenced {
     return reader->accounts().at(0).dropped[static_cast<std::size_t>(reason)];
   }
 
-  InletOptions options{};
+  InletOptions input;
   Network network{2};
   Watched<std::vector<std::uint64_t>> seen;
   RunningStage reader{network.open(0), setup("integration"), [this](Stage& stage) {
                         stage.inlet<msg::Odometry>(
-                            Key::kOdometry, options,
+                            Key::kOdometry, input,
                             [this](const Received<msg::Odometry>& odometry) {
                               seen.change([&](auto& all) { all.push_back(odometry.sweep()); });
                             });
@@ -71,7 +79,7 @@ TEST(Fencing, WhoWasOvertakenAndDoesNotKnowItIsFenced) {
 
 // After two hand-overs the first process works again, under its name, and begins to count again.
 TEST(Fencing, TheNumbersOfWhoTakesOverAgainBeginAgain) {
-  Fenced f{.options = {.order = Order::kAsTheyCome}};
+  Fenced f(Order::kAsTheyCome);
   wait_for_reader(f.out);
   for (const std::uint32_t term : {1U, 3U}) {
     for (const std::uint64_t number : {0U, 1U}) f.put(1, number, term);
