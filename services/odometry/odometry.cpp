@@ -23,6 +23,14 @@ constexpr std::size_t kTried = 2;
 constexpr double kWorse = 1.5;
 // Sweeps of another place cost ten times the usual, even if the match has converged.
 constexpr double kFarWorse = 5.0;
+// Only a sweep without points may have a shorter period, or none (messages/ranges.cpp): over no
+// time at all, a motion has neither a rate nor a covariance.
+constexpr std::uint32_t kLeastPeriod_ns = 1'000'000;
+
+FeatureSweep with_period(FeatureSweep sweep) {
+  sweep.period_ns = std::max(sweep.period_ns, kLeastPeriod_ns);
+  return sweep;
+}
 
 PointVector moved_by(const std::vector<MotionLanes>& motions, const DeskewTable& table,
                      PointSpan points) {
@@ -326,7 +334,8 @@ Solution Odometry::State::solve_as_foreseen(const FeatureSweep& sweep, Predictio
   return solution;
 }
 
-OdometryResult Odometry::locate(const FeatureSweep& sweep) {
+OdometryResult Odometry::locate(const FeatureSweep& given) {
+  const FeatureSweep sweep = with_period(given);
   State& s = *state_;
   if (sweep.slices > 1) {
     if (!s.knots) s.knots.emplace(s.config, s.T_base_lidar, s.T_base_imu);
@@ -386,7 +395,8 @@ OdometryResult Odometry::locate(const FeatureSweep& sweep) {
   return result;
 }
 
-void Odometry::complete(const FeatureSweep& sweep, OdometryResult& result) {
+void Odometry::complete(const FeatureSweep& given, OdometryResult& result) {
+  const FeatureSweep sweep = with_period(given);
   State& s = *state_;
   if (sweep.slices > 1) return;
   if (s.is_piece(sweep)) {
@@ -432,7 +442,7 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
       state_->deskew_founding_sweep(sweep.twist_per_s);
       state_->forget_founding_sweep();
     }
-    state_->commit(result, sweep.period_ns);
+    state_->commit(result, std::max(sweep.period_ns, kLeastPeriod_ns));
   }
 }
 
@@ -440,7 +450,11 @@ bool Odometry::restore_slices(std::span<const std::uint64_t> state, const SliceA
   reset();
   State& s = *state_;
   s.knots.emplace(s.config, s.T_base_lidar, s.T_base_imu);
-  return s.knots->restore(state, slice_at);
+  return s.knots->restore(state, [&](std::uint64_t number) {
+    std::optional<FeatureSweep> slice = slice_at(number);
+    if (slice) slice = with_period(*slice);
+    return slice;
+  });
 }
 
 void Odometry::configure(const OdometryConfig& config) {

@@ -30,7 +30,7 @@ struct FeatureSweep {
   std::uint64_t sweep = 0;
   /// time of the sweep's first point, ns since the Unix epoch
   std::int64_t stamp_ns = 0;
-  /// measured time of one revolution, ns
+  /// measured time of one revolution, ns; less than a millisecond counts as one
   std::uint32_t period_ns = 100000000;
   /// true when the source moved all points to the sweep's end already
   bool deskewed = false;

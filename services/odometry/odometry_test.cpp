@@ -280,6 +280,29 @@ TEST(Odometry, ClockJumpsAndZeroPeriodAreSurvived) {
   }
 }
 
+// A source that has not measured a revolution yet, or sends an empty cloud, knows no period.
+TEST(Odometry, AnEmptySweepWithoutAPeriodKeepsTheMotion) {
+  Vector6 twist;
+  twist << 2.0, 0.0, 0.0, 0.0, 0.0, 0.3;
+  for (int empty : {0, 6}) {
+    Odometry odometry({}, Pose::Identity());
+    for (int k = 0; k < 9; ++k) {
+      const PointVector points =
+          sweep_of({}, {.noise_m = 0.01}, exp_se3(twist * (0.1 * (k - 6))), twist, unsigned(k));
+      FeatureSweep sweep;
+      sweep.sweep = std::uint64_t(k);
+      sweep.stamp_ns = k * 100000000LL;
+      if (k == empty) sweep.period_ns = 0;
+      if (k != empty) sweep.less_flat = points;
+      const OdometryResult r = odometry.process(sweep);
+      EXPECT_EQ(r.health, k == empty ? Health::kEmpty : Health::kOk) << k;
+      EXPECT_TRUE(r.covariance.allFinite()) << k;
+      if (k <= 3) continue;
+      EXPECT_NEAR(r.twist_per_s[0], 2.0, 0.2) << k;
+    }
+  }
+}
+
 TEST(Odometry, SameSweepsSameBytes) {
   Vector6 twist;
   twist << 1.0, 0.0, 0.1, 0.1, 0.0, 0.5;
