@@ -399,6 +399,8 @@ void Odometry::complete(const FeatureSweep& given, OdometryResult& result) {
   const FeatureSweep sweep = with_period(given);
   State& s = *state_;
   if (sweep.slices > 1) return;
+  // Nothing is known before the first points: restore() passes over such sweeps too.
+  if (!s.started && result.health == Health::kEmpty) return;
   if (s.is_piece(sweep)) {
     s.passed_piece = true;
     return;
@@ -420,7 +422,9 @@ void Odometry::complete(const FeatureSweep& given, OdometryResult& result) {
 void Odometry::restore(std::span<const CommittedSweep> sweeps) {
   reset();
   for (const CommittedSweep& sweep : sweeps) {
-    if (!state_->started && sweep.health == Health::kPredicted && sweep.prev_sweep == sweep.sweep) {
+    const bool first = sweep.prev_sweep == sweep.sweep;
+    if (!state_->started && first && sweep.health == Health::kEmpty) continue;
+    if (!state_->started && first && sweep.health == Health::kPredicted) {
       state_->passed_piece = true;
       continue;
     }

@@ -128,5 +128,33 @@ TEST(OdometryStart, WhoTakesOverAfterAPieceGoesOnWithTheSameBytes) {
   }
 }
 
+// A lidar may be connected, or uncovered, some sweeps before its first points.
+TEST(OdometryStart, EmptySweepsBeforeTheFirstPointsLeaveNoTrace) {
+  const Start start = begun_after(0.6, street(), along_x(8.0), 5);
+  std::vector<FeatureSweep> sweeps(2);
+  sweeps.insert(sweeps.end(), start.sweeps.begin(), start.sweeps.end());
+  Odometry first({}, Pose::Identity());
+  std::vector<OdometryResult> results;
+  for (std::size_t k = 0; k < sweeps.size(); ++k) {
+    sweeps[k].sweep = k;
+    if (k < 2) sweeps[k].stamp_ns = start.sweeps[0].stamp_ns - 100000000LL * std::int64_t(2 - k);
+    results.push_back(first.process(sweeps[k]));
+  }
+  EXPECT_EQ(results[1].health, Health::kEmpty);
+  EXPECT_EQ(results[2].health, Health::kPredicted) << "still a part of a revolution";
+  EXPECT_EQ(results[3].prev_sweep, 3U);
+  std::vector<CommittedSweep> commits;
+  for (std::size_t k = 1; k + 1 < sweeps.size(); ++k) {
+    commits.push_back(committed(results[k - 1], sweeps[k - 1].period_ns));
+    Odometry second({}, Pose::Identity());
+    second.restore(commits);
+    const OdometryResult next = second.process(sweeps[k]);
+    EXPECT_EQ(next.prev_sweep, results[k].prev_sweep) << k;
+    EXPECT_EQ(next.health, results[k].health) << k;
+    EXPECT_EQ(next.T_odom_base.matrix(), results[k].T_odom_base.matrix()) << k;
+    EXPECT_EQ(next.covariance, results[k].covariance) << k;
+  }
+}
+
 }  // namespace
 }  // namespace zloam::odometry
