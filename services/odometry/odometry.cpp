@@ -45,6 +45,23 @@ PointVector moved_by(const std::vector<MotionLanes>& motions, const DeskewTable&
   return out;
 }
 
+bool is_matched(Health health) { return health == Health::kOk || health == Health::kDegenerate; }
+
+OdometryResult result_of(const CommittedSweep& sweep) {
+  OdometryResult result;
+  result.sweep = sweep.sweep;
+  result.prev_sweep = sweep.prev_sweep;
+  result.instant_ns = sweep.instant_ns;
+  result.T_odom_base = sweep.T_odom_base;
+  result.twist_per_s = sweep.twist_per_s;
+  result.health = sweep.health;
+  result.state_covariance = sweep.state_covariance;
+  result.inertia = sweep.inertia;
+  result.fit = sweep.fit;
+  result.planes.assign(sweep.planes.begin(), sweep.planes.end());
+  return result;
+}
+
 }  // namespace
 
 struct Odometry::State : MotionMemory {
@@ -242,7 +259,7 @@ Odometry& Odometry::operator=(Odometry&&) noexcept = default;
 // Updates the state by a result, be it an own one or one of another instance.
 void Odometry::State::commit(const OdometryResult& result, std::uint32_t period_ns) {
   const bool has_points = !result.planes.empty();
-  const bool solved = result.health == Health::kOk || result.health == Health::kDegenerate;
+  const bool solved = is_matched(result.health);
   note_acceleration(result, solved && twist_known && predicted_in_row == 0);
   predicted_in_row = solved ? 0 : predicted_in_row + 1;
   if (recent.empty() || (has_points && predicted_in_row >= config.restart_after)) {
@@ -423,30 +440,19 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
   reset();
   for (const CommittedSweep& sweep : sweeps) {
     const bool first = sweep.prev_sweep == sweep.sweep;
+    if (first && state_->started) reset();
     if (!state_->started && first && sweep.health == Health::kEmpty) continue;
     if (!state_->started && first && sweep.health == Health::kPredicted) {
       state_->passed_piece = true;
       continue;
     }
-    OdometryResult result;
-    result.sweep = sweep.sweep;
-    result.prev_sweep = sweep.prev_sweep;
-    result.instant_ns = sweep.instant_ns;
-    result.T_odom_base = sweep.T_odom_base;
-    result.twist_per_s = sweep.twist_per_s;
-    result.health = sweep.health;
-    result.state_covariance = sweep.state_covariance;
-    result.inertia = sweep.inertia;
-    result.fit = sweep.fit;
-    result.planes.assign(sweep.planes.begin(), sweep.planes.end());
     // A first sweep was published before its twist was known.
-    if (!state_->started) state_->twist_known = sweep.prev_sweep != sweep.sweep;
-    if (state_->founding_pending() &&
-        (sweep.health == Health::kOk || sweep.health == Health::kDegenerate)) {
+    if (!state_->started) state_->twist_known = !first;
+    if (state_->founding_pending() && is_matched(sweep.health)) {
       state_->deskew_founding_sweep(sweep.twist_per_s);
       state_->forget_founding_sweep();
     }
-    state_->commit(result, std::max(sweep.period_ns, kLeastPeriod_ns));
+    state_->commit(result_of(sweep), std::max(sweep.period_ns, kLeastPeriod_ns));
   }
 }
 

@@ -135,7 +135,8 @@ class Odometry {
   void complete(const FeatureSweep& sweep, OdometryResult& result);
 
   /// Restores the state from the results of the last sweeps, ascending, as another instance
-  /// published them; with restore_depth() of them the continuation is bit-exact.
+  /// published them; with restore_depth() of them the continuation is bit-exact, if all of these
+  /// were matched. A sweep that is its own prev_sweep begins a frame: those before it do not count.
   void restore(std::span<const CommittedSweep> sweeps);
 
   /// The same for slices, whose results do not hold the whole state: from the slice_state of one

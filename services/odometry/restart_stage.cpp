@@ -127,7 +127,10 @@ void OdometryStage::publish_again(std::uint64_t run, const std::vector<Committed
 std::size_t OdometryStage::take_up(const std::vector<Commit>& commits) {
   std::vector<CommittedSweep> sweeps;
   sweeps.reserve(commits.size());
-  for (const Commit& commit : commits) sweeps.push_back(committed(commit));
+  for (const Commit& commit : commits) {
+    // Poses of an earlier frame say nothing in this one.
+    if (commit.header().odom_epoch() == odom_epoch_) sweeps.push_back(committed(commit));
+  }
   publish_again(commits.back().run(), sweeps);
   restore(sweeps.size(), sweeps);
   return commits.size();

@@ -67,5 +67,27 @@ TEST(RestoredOdometry, ALostSweepStaysLost) {
   }
 }
 
+// The instance before began a new frame, after a reset or a gap: the points of the old one lie
+// elsewhere in it.
+TEST(RestoredOdometry, AnEarlierFrameIsNoPartOfTheTarget) {
+  Odometry before({}, Pose::Identity());
+  std::vector<OdometryResult> results;
+  for (int k = 0; k < kLast; ++k) {
+    if (k == 5) before.reset();
+    results.push_back(feed(before, {}, k));
+  }
+  ASSERT_EQ(results[5].prev_sweep, 5U);
+  std::vector<CommittedSweep> commits;
+  for (const OdometryResult& r : results) commits.push_back(published(r, Health::kOk));
+  Odometry after({}, Pose::Identity());
+  after.restore(commits);
+  for (int k = kLast; k < kLast + 3; ++k) {
+    const OdometryResult one = feed(before, {}, k);
+    const OdometryResult other = feed(after, {}, k);
+    EXPECT_EQ(one.T_odom_base.matrix(), other.T_odom_base.matrix()) << k;
+    EXPECT_EQ(one.covariance, other.covariance) << k;
+  }
+}
+
 }  // namespace
 }  // namespace zloam::odometry
