@@ -47,6 +47,8 @@ PointVector moved_by(const std::vector<MotionLanes>& motions, const DeskewTable&
 
 bool is_matched(Health health) { return health == Health::kOk || health == Health::kDegenerate; }
 
+bool is_a_match(const CommittedSweep& sweep) { return is_matched(sweep.health); }
+
 OdometryResult result_of(const CommittedSweep& sweep) {
   OdometryResult result;
   result.sweep = sweep.sweep;
@@ -438,7 +440,11 @@ void Odometry::complete(const FeatureSweep& given, OdometryResult& result) {
 
 void Odometry::restore(std::span<const CommittedSweep> sweeps) {
   reset();
+  // Unmatched sweeps enter no target: the one of those at the beginning is made of sweeps older
+  // than these.
+  bool known = std::none_of(sweeps.begin(), sweeps.end(), is_a_match);
   for (const CommittedSweep& sweep : sweeps) {
+    known = known || is_a_match(sweep);
     const bool first = sweep.prev_sweep == sweep.sweep;
     if (first && state_->started) reset();
     if (!state_->started && first && sweep.health == Health::kEmpty) continue;
@@ -452,7 +458,9 @@ void Odometry::restore(std::span<const CommittedSweep> sweeps) {
       state_->deskew_founding_sweep(sweep.twist_per_s);
       state_->forget_founding_sweep();
     }
-    state_->commit(result_of(sweep), std::max(sweep.period_ns, kLeastPeriod_ns));
+    OdometryResult result = result_of(sweep);
+    if (!known) result.planes.clear();
+    state_->commit(result, std::max(sweep.period_ns, kLeastPeriod_ns));
   }
 }
 

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <span>
 #include <vector>
 
 #include "odometry/published_health.hpp"
@@ -87,6 +88,26 @@ TEST(RestoredOdometry, AnEarlierFrameIsNoPartOfTheTarget) {
     EXPECT_EQ(one.T_odom_base.matrix(), other.T_odom_base.matrix()) << k;
     EXPECT_EQ(one.covariance, other.covariance) << k;
   }
+}
+
+// The oldest commits that are kept may be of lost sweeps: no target begins with them.
+TEST(RestoredOdometry, NoTargetBeginsWithALostSweep) {
+  Odometry before({}, Pose::Identity());
+  std::vector<OdometryResult> results;
+  for (int k = 0; k < kLast; ++k) results.push_back(feed(before, {}, k));
+  for (int k = kLast; k < kLast + 2; ++k) results.push_back(feed(before, elsewhere(), k));
+  ASSERT_EQ(results.back().health, Health::kLost);
+  for (int k = kLast + 2; k < kLast + 12; ++k) results.push_back(feed(before, {}, k));
+  ASSERT_EQ(results[kLast + 2].health, Health::kOk);
+  std::vector<CommittedSweep> commits;
+  for (const OdometryResult& r : results) commits.push_back(published(r, Health::kOk));
+  Odometry with_lost({}, Pose::Identity()), without({}, Pose::Identity());
+  with_lost.restore(std::span(commits).subspan(kLast));
+  without.restore(std::span(commits).subspan(kLast + 2));
+  const OdometryResult one = feed(with_lost, {}, kLast + 12);
+  const OdometryResult other = feed(without, {}, kLast + 12);
+  EXPECT_EQ(one.T_odom_base.matrix(), other.T_odom_base.matrix());
+  EXPECT_EQ(one.covariance, other.covariance);
 }
 
 }  // namespace
