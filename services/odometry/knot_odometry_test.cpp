@@ -442,5 +442,40 @@ TEST(KnotOdometryTest, EmptySlicesAreSaid) {
   EXPECT_EQ(odometry.process(empty).health, Health::kEmpty);
 }
 
+/// A wall across the x axis, with a point every 25 mm.
+PointVector wall_at(float x_m) {
+  PointVector points;
+  for (int y = -80; y <= 80; ++y) {
+    for (int z = -40; z <= 40; ++z) {
+      points.push_back({x_m, 0.025F * static_cast<float>(y), 0.025F * static_cast<float>(z), 0.0F,
+                        0, 0, ReturnType::kStrongest, 0});
+    }
+  }
+  return points;
+}
+
+// Points on both sides of a wall match it while the kernel is wide, and not at the end.
+TEST(KnotWindowTest, TooFewMatchesAtTheEndAreNoSolution) {
+  const OdometryConfig config;
+  WindowMap target(config, 0.01);
+  target.add(wall_at(5.0F), Pose::Identity());
+  Slice slice;
+  for (const float off_m : {-0.45F, 0.45F}) {
+    const PointVector points = wall_at(5.0F + off_m);
+    // Few, so that the motion before holds them there.
+    for (std::size_t i = 0; i < points.size(); i += 40) {
+      slice.points.push_back({points[i].position().cast<double>(), 0.5});
+    }
+  }
+  KnotWindow window(config);
+  window.begin(Pose::Identity());
+  window.push(slice);
+  const KnotSolution solution = window.solve(target, 0.01);
+  EXPECT_EQ(solution.iterations, 1U);
+  EXPECT_FALSE(solution.solved);
+  EXPECT_EQ(solution.explained, 0.0);
+  EXPECT_EQ(window.knots().back().matrix(), Pose::Identity().matrix());
+}
+
 }  // namespace
 }  // namespace zloam::odometry

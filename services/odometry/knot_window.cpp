@@ -309,17 +309,18 @@ KnotSolution KnotWindow::solve(WindowMap& target, double range_noise_m) {
   for (int i = 0; i < kMostIterations; ++i) {
     const std::vector<Match> matches = match(target, kGateWidths * kernel_m);
     out.matched = static_cast<std::uint32_t>(matches.size());
-    if (out.matched < static_cast<std::uint32_t>(config_.min_correspondences)) break;
+    out.solved = out.matched >= static_cast<std::uint32_t>(config_.min_correspondences);
+    if (!out.solved) break;
     System system(knots_.size());
     out.data = {};
     add_points(matches, weight, kernel_m, system, out.data);
     add_motion(initial_inertia, system);
     const Eigen::LDLT<Eigen::MatrixXd> ldlt(system.H);
     const Eigen::VectorXd step = ldlt.solve(-system.g);
-    if (!step.allFinite()) break;
+    out.solved = step.allFinite();
+    if (!out.solved) break;
     move(step);
     out.iterations = static_cast<std::uint32_t>(i + 1);
-    out.solved = true;
     out.explained = explained_of_newest(matches, kernel_m);
     const auto last = step.segment<6>(System::at(knots_.size() - 1));
     if (kernel_m <= config_.kernel_m && last.head<3>().norm() < config_.stop_translation_m &&
@@ -336,6 +337,8 @@ KnotSolution KnotWindow::solve(WindowMap& target, double range_noise_m) {
   if (!out.solved || !knots_.back().matrix().allFinite()) {
     knots_ = initial;
     inertia_ = initial_inertia;
+    out.explained = 0.0;
+    out.converged = false;
     out.solved = false;
   }
   return out;
