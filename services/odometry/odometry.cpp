@@ -311,9 +311,12 @@ Solution Odometry::State::solve_within_bounds(const FeatureSweep& sweep,
     solution = solve(sweep, choose_source(sweep, T_base_lidar, config), predicted);
   }
   const double turn_rad = solution.state.twist.tail<3>().norm();
+  // From rest to the prediction, where rest is taken instead: it may be as wrong as that.
+  Vector12 off = Vector12::Zero();
   if (sweep.period_ns > 0 && turn_rad > config.max_turn_radps * 1e-9 * sweep.period_ns) {
     solution = {};
     solution.state.T_odom_mid = T_odom_base;
+    off << log_se3(T_odom_base.inverse() * predicted.state.T_odom_mid), predicted.state.twist;
   }
   if (solution.astray) {
     solution = {};
@@ -324,6 +327,7 @@ Solution Odometry::State::solve_within_bounds(const FeatureSweep& sweep,
   if (!solution.solved) {
     add_prior(solution.state, predicted.prior, prior_only);
     solution.covariance = prior_only.H.inverse();
+    if (!off.isZero(0.0)) solution.covariance += off * off.transpose();
   }
   return solution;
 }

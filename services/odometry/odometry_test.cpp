@@ -417,5 +417,31 @@ TEST(Odometry, AfterAWrongTurnTheRightOneIsFoundAgain) {
   EXPECT_LT(turned_after_a_wrong_turn_rad(1000.0), 0.01) << "the search finds it, not the bound";
 }
 
+// Where the prediction rotates faster than any platform, rest is taken instead, as uncertain as
+// they differ.
+TEST(Odometry, RestInsteadOfAWrongTurnIsUncertain) {
+  Odometry odometry({}, Pose::Identity());
+  const PointVector room = sweep_of({}, {.columns = 300}, Pose::Identity(), Vector6::Zero(), 1);
+  std::vector<OdometryResult> results;
+  FeatureSweep sweep;
+  const auto next = [&](PointSpan points) {
+    sweep.sweep = results.size();
+    sweep.stamp_ns = std::int64_t(results.size()) * 100000000;
+    sweep.less_flat = points;
+    results.push_back(odometry.process(sweep));
+  };
+  for (int k = 0; k < 4; ++k) next(room);
+  std::vector<CommittedSweep> commits;
+  for (const OdometryResult& r : results) commits.push_back(committed(r, sweep.period_ns));
+  commits.back().twist_per_s << 10.0, 0.0, 0.0, 0.0, 0.0, 25.0;
+  odometry.restore(commits);
+  next({});
+  const OdometryResult& at_rest = results.back();
+  EXPECT_EQ(at_rest.health, Health::kEmpty);
+  EXPECT_EQ(at_rest.twist_per_s, Vector6(Vector6::Zero()));
+  EXPECT_GT(std::sqrt(at_rest.covariance(5, 5)), 2.0) << "a tenth of a second at 25 rad/s";
+  EXPECT_GT(std::sqrt(at_rest.covariance.topLeftCorner<3, 3>().trace()), 0.5);
+}
+
 }  // namespace
 }  // namespace zloam::odometry
