@@ -233,7 +233,9 @@ void OdometryStage::note_imu(const OdometryResult& result) {
   if (silent_in_row_ == 0) ++uncovered_in_row_;
   if (silent_in_row_ >= kUncovered || result.diagnostics.imu_covers) uncovered_in_row_ = 0;
   stage_.degraded("imu", doubts_about_imu(result));
-  if (readings_.empty()) return;
+  imu_came_ = imu_came_ || !readings_.empty();
+  if (!imu_came_) return;
+  // Also when its readings have ended: else the figure would tell of the last sweep with some.
   stage_.figure("imu_used", result.diagnostics.imu_used ? 1.0 : 0.0);
   if (!result.inertia) return;
   const InertialState& known = *result.inertia;

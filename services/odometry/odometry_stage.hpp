@@ -70,6 +70,8 @@ class OdometryStage {
   /// successive sweeps with readings that do not cover them, and successive ones without readings
   std::uint32_t uncovered_in_row_ = 0;
   std::uint32_t silent_in_row_ = 0;
+  /// readings have come, in this run or an earlier one
+  bool imu_came_ = false;
   runtime::Outlet& pose_;
   runtime::Outlet& features_;
   runtime::Outlet& sweep_;
