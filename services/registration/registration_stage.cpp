@@ -146,7 +146,8 @@ void RegistrationStage::process(const Sweep& sweep) {
   const HeaderFields header = features_.header(sweep);
   features_.publish(header, build(header, fields_of(*sweep, result, config_)));
   if (rejected_.matching()) publish_rejected(sweep, result);
-  last_ = header;
+  // A held sweep may be done after later ones.
+  if (header.run != last_.run || header.sweep >= last_.sweep) last_ = header;
   stage_.figure("points_in", result.diagnostics.points_in);
   stage_.figure("measured_noise_m", result.diagnostics.measured_noise_m);
 }
