@@ -153,6 +153,8 @@ std::size_t OdometryStage::take_up_slices(const std::vector<Commit>& commits) {
   const auto slice_at = [&](std::uint64_t sweep) -> std::optional<FeatureSweep> {
     const auto found = kept.find(sweep);
     if (found == kept.end()) return std::nullopt;
+    // Its points were chosen with the settings in force at it.
+    if (stage_.configure_for(found->second)) odometry_.configure(config_);
     return input_of(found->second);
   };
   if (!odometry_.restore_slices(numbers_of((*from)->state()), slice_at)) return 0;
