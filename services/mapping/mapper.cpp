@@ -360,6 +360,7 @@ void Mapper::reset() {
 }
 
 void Mapper::expect_break() { state_->break_expected = true; }
+void Mapper::new_run() { state_->submaps.new_run(); }
 
 void Mapper::place(const Pose& T_map_base) {
   State& s = *state_;

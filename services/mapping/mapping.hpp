@@ -190,6 +190,8 @@ class Mapper {
   /// The odometry may have been interrupted: the next sweep is searched for as after a new epoch,
   /// around the odometry's pose.
   void expect_break();
+  /// The next sweep is of another run: its number does not follow. The map goes on.
+  void new_run();
   /// After restore(): re-inserts a sweep that the earlier instance inserted after the map was
   /// saved. state: of that instance after this sweep, or empty.
   void insert_again(const MappingInput& input, const Pose& T_map_odom,

@@ -119,6 +119,7 @@ void MappingStage::begin_run(const msg::Header& first) {
   watch_ = {};
   mapped_ = 0;
   next_sweep_ = 0;
+  mapper_.new_run();
   if (was_in_run && runtime::goes_on(first, last_instant_ns_, runtime::kLongestSearch_ns)) {
     mapper_.expect_break();
     runtime::report(stage_, {1, 0, first.stamp_ns() - last_instant_ns_});

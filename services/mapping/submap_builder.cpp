@@ -124,6 +124,12 @@ std::optional<Submap> SubmapBuilder::finish() {
   return std::nullopt;
 }
 
+// A submap is published with the sweep that ends it, and is invalid if it has a higher number. The
+// number of the submap before stays: its reader knows it by that one.
+void SubmapBuilder::new_run() {
+  for (Step& step : steps_) step.sweep = 0;
+}
+
 void SubmapBuilder::clear() {
   steps_.clear();
   voxels_.clear();

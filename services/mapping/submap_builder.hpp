@@ -44,6 +44,8 @@ class SubmapBuilder {
   std::optional<Submap> add(const SubmapInput& input);
   /// The unfinished submap, at the end of a run; nothing when too little was seen.
   std::optional<Submap> finish();
+  /// The next sweep is of another run in the same map: its number does not follow.
+  void new_run();
   /// From the next submap on.
   void configure(double way_m) { way_m_ = way_m; }
 

@@ -130,6 +130,32 @@ TEST(SubmapBuilder, TheRestComesAtTheEnd) {
   EXPECT_FALSE(builder.finish().has_value());
 }
 
+// The driver was restarted, and the map goes on: no sweep of a submap may have a higher number than
+// the one that ends it.
+TEST(SubmapBuilder, OneThatIsOpenWhenAnotherRunBeginsHasNumbersOfThatRun) {
+  for (const bool found : {true, false}) {
+    SubmapBuilder builder(10.0);
+    Drive both = drive(40);
+    std::vector<Submap> submaps;
+    for (std::size_t i = 0; i < both.inputs.size(); ++i) {
+      SubmapInput& input = both.inputs[i];
+      input.sweep = i < 16 ? 100 + i : i - 16;
+      input.found = found || i != 16;
+      if (i == 16) builder.new_run();
+      if (auto submap = builder.add(input)) {
+        EXPECT_LE(submap->first_sweep, submap->sweep);
+        EXPECT_LE(submap->sweep, submap->last_sweep);
+        EXPECT_LE(submap->last_sweep, input.sweep);
+        submaps.push_back(std::move(*submap));
+      }
+    }
+    ASSERT_EQ(submaps.size(), found ? 3U : 4U);
+    EXPECT_EQ(submaps[0].sweep, 105U);
+    EXPECT_EQ(submaps[1].before_sweep, submaps[0].sweep) << "its reader knows it by that number";
+    EXPECT_EQ(submaps[2].before_sweep, submaps[1].sweep);
+  }
+}
+
 TEST(SubmapBuilder, WithoutAWayThereAreNone) {
   SubmapBuilder builder(0.0);
   EXPECT_TRUE(built(drive(40), builder).empty());
