@@ -33,10 +33,18 @@ Matrix6 counted(const Matrix6& step, const IntegrationConfig& config) {
 // where mapping has matched nothing since.
 constexpr std::int64_t kOldCorrection_ns = 1'000'000'000;
 
+// Beyond this gap the last motion does not predict where the platform is now; as in mapping.
+constexpr double kLongestGap_s = 5.0;
+
 /// The pose was measured, at least along some directions.
 bool is_located(Health health) { return health == Health::kOk || health == Health::kDegenerate; }
 
 double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
+
+/// Time over which the motion before an interruption is continued.
+double bridged_s(const OdometryPose& before, const OdometryPose& after) {
+  return std::clamp(seconds(after.instant_ns - before.instant_ns), 0.0, kLongestGap_s);
+}
 
 }  // namespace
 
@@ -210,7 +218,7 @@ void Integrator::place(const OdometryPose& pose, const Correction* correction, F
     T_map_base = carried_on(pose, *correction);
   } else if (broken_off) {
     // The new frame starts where the last pose has moved according to its twist.
-    const double gap_s = 1e-9 * static_cast<double>(pose.instant_ns - last_odometry_->instant_ns);
+    const double gap_s = bridged_s(*last_odometry_, pose);
     const Pose T_map_end = last_fused_->T_map_base * exp_se3(last_odometry_->twist_per_s * gap_s);
     T_map_odom = normalised(T_map_end * pose.T_odom_base.inverse());
   }

@@ -261,6 +261,26 @@ TEST(Integration, BridgesANewEpoch) {
   EXPECT_NEAR(corrected.T_map_base.translation().x(), 3.05, 1e-9);
 }
 
+// After a minute without odometry nobody knows how the platform moved on: 300 m ahead, or turned
+// round and round, it is not.
+TEST(Integration, ALongGapIsBridgedByTheMotionOfSecondsOnly) {
+  struct Gap {
+    std::int64_t length_ns;
+    double moved_m;
+  };
+  for (const Gap& gap : {Gap{2'000'000'000, 10.0}, {60'000'000'000, 25.0}, {-3'000'000'000, 0.0}}) {
+    Integrator integrator{IntegrationConfig{}};
+    const OdometryPose before = odometry(0, false);
+    integrator.add(before);
+    OdometryPose restarted = odometry(1, false, 1);
+    restarted.instant_ns = before.instant_ns + gap.length_ns;
+    restarted.T_odom_base = Pose::Identity();
+    const auto bridged = integrator.add(restarted).at(0);
+    EXPECT_EQ(bridged.health, Health::kBridging);
+    EXPECT_NEAR(bridged.T_map_base.translation().x(), gap.moved_m, 1e-9);
+  }
+}
+
 TEST(Integration, CovarianceGrowsWithTheOdometrySinceTheCorrection) {
   Integrator integrator{IntegrationConfig{}};
   integrator.add(odometry(0, false));
