@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/geometry/motion_covariance.hpp"
 #include "common/geometry/state_bits.hpp"
 
 namespace zloam::integration {
@@ -35,6 +36,9 @@ constexpr std::int64_t kOldCorrection_ns = 1'000'000'000;
 
 // Beyond this gap the last motion does not predict where the platform is now; as in mapping.
 constexpr double kLongestGap_s = 5.0;
+// Bounds of the unobserved motion in such a gap, as in mapping's search: acceleration or braking,
+// and angular rate.
+constexpr double kAcceleration_mps2 = 2.0, kTurn_radps = 0.3;
 
 /// The pose was measured, at least along some directions.
 bool is_located(Health health) { return health == Health::kOk || health == Health::kDegenerate; }
@@ -289,12 +293,21 @@ Matrix6 Integrator::step_covariance(const OdometryPose& pose) const {
   return counted(pose.step_covariance, config_);
 }
 
+// Where the last motion leads, less certain by what the platform may have done unobserved.
+Matrix6 Integrator::covariance_after_break(const OdometryPose& pose) const {
+  const double gap_s = bridged_s(*last_odometry_, pose);
+  const Pose T_now_last = exp_se3(-gap_s * last_odometry_->twist_per_s);
+  return carried(last_fused_->covariance, T_now_last) +
+         diagonal_covariance(0.5 * kAcceleration_mps2 * gap_s * gap_s, kTurn_radps * gap_s);
+}
+
 Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* correction) {
   Matrix6 step = counted(pose.step_covariance, config_);
   const bool known =
       correction != nullptr && !recent_.empty() && recent_.front().sweep <= correction->sweep;
   if (!known) {
-    if (!last_odometry_ || last_odometry_->odom_epoch != pose.odom_epoch) return step;
+    if (!last_odometry_) return step;
+    if (last_odometry_->odom_epoch != pose.odom_epoch) return covariance_after_break(pose) + step;
     const Pose back = pose.T_odom_base.inverse() * last_odometry_->T_odom_base;
     return carried(last_fused_->covariance, back) + step;
   }

@@ -150,6 +150,7 @@ class Integrator {
               const Matrix6& covariance) const;
   Health health_of(const OdometryPose& pose, const Correction* correction, const Weak& weak);
   Matrix6 step_covariance(const OdometryPose& pose) const;
+  Matrix6 covariance_after_break(const OdometryPose& pose) const;
   Matrix6 covariance_at(const OdometryPose& pose, const Correction* correction);
   /// The map has not corrected the pose for long: the pose depends on the odometry alone.
   bool old(const OdometryPose& pose, const Correction* correction);

@@ -281,6 +281,25 @@ TEST(Integration, ALongGapIsBridgedByTheMotionOfSecondsOnly) {
   }
 }
 
+// The pose in a new frame is that of the last one and a guess of the motion in between: not the
+// millimetres of one step.
+TEST(Integration, AGuessAcrossAGapIsUncertainByIt) {
+  Integrator integrator{IntegrationConfig{}};
+  integrator.add(odometry(0, false));
+  integrator.add(correction(0, along(1.0)));
+  const auto before = integrator.add(odometry(1, false)).at(0);
+  OdometryPose restarted = odometry(21, false, 1);
+  restarted.T_odom_base = Pose::Identity();
+  const auto bridged = integrator.add(restarted).at(0);
+  // Two seconds at an acceleration of 2 m/s^2.
+  EXPECT_NEAR(std::sqrt(bridged.covariance(0, 0)), 4.0, 0.01);
+  EXPECT_GT(bridged.covariance(0, 0), before.covariance(0, 0) + 16.0);
+  EXPECT_NEAR(std::sqrt(bridged.covariance(5, 5)), 0.6, 0.01);
+  restarted.sweep = 22;
+  EXPECT_GE(integrator.add(restarted).at(0).covariance(0, 0), bridged.covariance(0, 0))
+      << "until a correction comes";
+}
+
 TEST(Integration, CovarianceGrowsWithTheOdometrySinceTheCorrection) {
   Integrator integrator{IntegrationConfig{}};
   integrator.add(odometry(0, false));
