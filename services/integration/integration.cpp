@@ -288,7 +288,8 @@ Health Integrator::health_of(const OdometryPose& pose, const Correction* correct
 
 Matrix6 Integrator::step_covariance(const OdometryPose& pose) const {
   if (mapped_ && mapped_->odom_epoch == pose.odom_epoch) {
-    if (const auto lately = steps_.covariance()) return *lately;
+    const double age_s = seconds(pose.instant_ns - mapped_->instant_ns);
+    if (const auto lately = steps_.covariance(age_s)) return *lately;
   }
   return counted(pose.step_covariance, config_);
 }

@@ -443,6 +443,21 @@ TEST(Integration, MotionOfTheMapGrowsOld) {
   }
 }
 
+// Mapping has died: the odometry errs by 0.1 m a sweep, as it was seen to do before.
+TEST(Integration, WithoutTheMapThePoseGrowsUncertain) {
+  const Drive drive{.slip_m = 0.1, .replay = false};
+  Integrator integrator{IntegrationConfig{}};
+  FusedPose fused;
+  for (std::uint64_t n = 0; n < 90; ++n) {
+    fused = integrator.add(drive.odometry_of(n)).at(0);
+    if (n < 40) integrator.add(drive.correction_of(n));
+    if (n == 39) {
+      EXPECT_LT(std::sqrt(fused.covariance(0, 0)), 0.04);
+    }
+  }
+  EXPECT_GT(std::sqrt(fused.covariance(0, 0)), 0.4);
+}
+
 TEST(Integration, WeakDirectionOfTheMapIsSaidInThePosesOwnAxes) {
   Integrator integrator{IntegrationConfig{}};
   integrator.add(odometry(0, false));

@@ -72,9 +72,9 @@ Pose StepFusion::step(const Pose& odometry_step, const Weak& weak, double over_s
   return change.allFinite() ? odometry_step * exp_se3(change) : odometry_step;
 }
 
-std::optional<Matrix6> StepFusion::covariance() const {
+std::optional<Matrix6> StepFusion::covariance(double age_s) const {
   if (fused_.errors() == 0) return std::nullopt;
-  return fused_.covariance();
+  return age_s > kFreshMotion_s ? odometry_.covariance() : fused_.covariance();
 }
 
 }  // namespace zloam::integration

@@ -41,8 +41,8 @@ class StepFusion {
   Pose step(const Pose& odometry_step, const Weak& weak, double over_s, double age_s) const;
 
   /// Covariance of such a step by its recent errors, beyond those of the mapped poses; none before
-  /// the first error.
-  std::optional<Matrix6> covariance() const;
+  /// the first error. Once the map's motion is too old to be continued, by the odometry's errors.
+  std::optional<Matrix6> covariance(double age_s) const;
 
   template <class Bits>
   void each(Bits& bits) {

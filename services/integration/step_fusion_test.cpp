@@ -50,19 +50,27 @@ double sigma_after_m(double off_m) {
     fusion.observe(forward(0.8 + sign * off_m), 1e-4 * Matrix6::Identity(), forward(0.8), kPeriod_s,
                    1);
   }
-  return std::sqrt(fusion.covariance().value()(0, 0));
+  return std::sqrt(fusion.covariance(kPeriod_s).value()(0, 0));
 }
 
 TEST(StepFusion, TheCovarianceIsWhatTheMappedPosesDoNotExplain) {
   EXPECT_LT(sigma_after_m(0.005), 0.002);
   EXPECT_NEAR(sigma_after_m(0.1), 0.1, 0.02);
-  EXPECT_FALSE(StepFusion().covariance());
+  EXPECT_FALSE(StepFusion().covariance(kPeriod_s));
 }
 
 TEST(StepFusion, TheFirstErrorIsToldAtOnce) {
   StepFusion fusion;
   fusion.observe(forward(0.6), 1e-6 * Matrix6::Identity(), forward(0.8), kPeriod_s, 1);
-  EXPECT_GT(std::sqrt(fusion.covariance().value()(0, 0)), 0.1);
+  EXPECT_GT(std::sqrt(fusion.covariance(kPeriod_s).value()(0, 0)), 0.1);
+}
+
+// Without the map's motion the steps are the odometry's, with its errors.
+TEST(StepFusion, WhereTheOdometryIsAloneItsErrorsCount) {
+  StepFusion fusion;
+  for (int i = 0; i < 60; ++i) fusion.observe(forward(0.8), kExact, forward(0.7), kPeriod_s, 1);
+  EXPECT_LT(std::sqrt(fusion.covariance(0.3).value()(0, 0)), 0.01);
+  EXPECT_NEAR(std::sqrt(fusion.covariance(0.6).value()(0, 0)), 0.1, 0.01);
 }
 
 }  // namespace
