@@ -13,7 +13,7 @@ namespace {
 // Maximum number of kept odometry poses, which carry a correction's covariance to the present, and
 // of kept corrections.
 constexpr std::size_t kRecent = 256;
-// Maximum number of odometry poses in a saved state.
+// Maximum number of odometry poses in a saved state, if a scheduled correction needs no more.
 constexpr std::size_t kSaved = 32;
 
 Matrix6 finite_or_zero(const Matrix6& covariance) {
@@ -42,6 +42,11 @@ constexpr double kAcceleration_mps2 = 2.0, kTurn_radps = 0.3;
 
 /// The pose was measured, at least along some directions.
 bool is_located(Health health) { return health == Health::kOk || health == Health::kDegenerate; }
+
+/// A replay's next pose is carried on from its scheduled correction, so many poses before.
+std::size_t most_saved(const IntegrationConfig& config) {
+  return std::max<std::size_t>(kSaved, config.mapping_every + config.correction_delay);
+}
 
 double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
 
@@ -95,7 +100,7 @@ std::vector<std::uint64_t> Integrator::state() const {
   for (const OdometryPose& pose : recent_) {
     if (pose.sweep >= from) kept.recent_.push_back(pose);
   }
-  while (kept.recent_.size() > kSaved) kept.recent_.pop_front();
+  while (kept.recent_.size() > most_saved(config_)) kept.recent_.pop_front();
   for (auto it = corrections_.lower_bound(from); it != corrections_.end(); ++it) {
     kept.corrections_.insert(*it);
   }

@@ -173,6 +173,29 @@ TEST(Integration, WhoResumesAStateGoesOnToTheBit) {
   }
 }
 
+// However far back the correction of the next pose lies.
+TEST(Integration, AReplayResumesToTheBitWithRareCorrectionsToo) {
+  IntegrationConfig config;
+  config.mapping_every = 50;
+  config.correction_delay = 3;
+  Integrator whole{config};
+  const std::vector<FusedPose> expected = drive(whole, true, 0, 120);
+  ASSERT_THAT(expected, SizeIs(120));
+  for (std::uint64_t at = 1; at < 119; ++at) {
+    Integrator before{config};
+    drive(before, true, 0, at);
+    Integrator after{config};
+    ASSERT_TRUE(after.resume(before.state()));
+    // Mapping keeps its corrections; the earlier ones are asked for again.
+    after.add(correction(0, along(0.002)));
+    for (const FusedPose& pose : drive(after, true, at, 120)) {
+      const FusedPose& wanted = expected.at(pose.sweep);
+      ASSERT_EQ(pose.T_map_base.matrix(), wanted.T_map_base.matrix()) << at << " " << pose.sweep;
+      ASSERT_EQ(pose.covariance, wanted.covariance) << at << " " << pose.sweep;
+    }
+  }
+}
+
 TEST(Integration, WhatIsNoStateIsNotResumed) {
   Integrator one{IntegrationConfig{}};
   drive(one, true, 0, 20);
