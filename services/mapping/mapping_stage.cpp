@@ -113,9 +113,8 @@ void MappingStage::new_run(const msg::Header& first) {
 
 void MappingStage::begin_run(const msg::Header& first) {
   const bool was_in_run = std::exchange(in_run_, true);
-  covariance_since_.setZero();
+  step_covariance_ = {};
   motion_check_.reset();
-  T_odom_base_before_.reset();
   watch_ = {};
   mapped_ = 0;
   next_sweep_ = 0;
@@ -180,16 +179,13 @@ void MappingStage::process(const Sweep& sweep) {
   if (lacks_map_) ask_for_map(sweep.header());
   if (stage_.configure_for(sweep)) mapper_.configure(config_);
   MappingInput input = input_of(sweep);
-  const Pose back =
-      T_odom_base_before_ ? input.T_odom_base.inverse() * *T_odom_base_before_ : Pose::Identity();
-  covariance_since_ = carried(covariance_since_, back) + covariance_of(sweep->covariance());
-  T_odom_base_before_ = input.T_odom_base;
+  step_covariance_.add(input.sweep, sweep->prev_sweep(), input.T_odom_base,
+                       covariance_of(sweep->covariance()));
   watch_.see(input.sweep, sweep->prev_sweep(), sweep->instant_ns());
   // The last one whatever its number: store and graph learn from it that the run ends.
   if (input.is_mapped(config_.every) || sweep.end_of_run()) {
-    input.step_covariance = covariance_since_;
+    input.step_covariance = step_covariance_.take();
     input.unwatched_s = watch_.take();
-    covariance_since_.setZero();
     const MappingResult result = mapper_.process(input);
     // A map that comes late is searched from there.
     if (!lacks_map_) told_.reset();

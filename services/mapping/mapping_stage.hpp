@@ -13,6 +13,7 @@
 #include "mapping/mapping.hpp"
 #include "mapping/mapping_parameters.hpp"
 #include "mapping/odometry_watch.hpp"
+#include "mapping/step_covariance.hpp"
 
 namespace zloam::mapping {
 
@@ -105,9 +106,7 @@ class MappingStage {
   runtime::Outlet& registered_;
   runtime::Outlet& submap_;
   runtime::FlowAck& ack_;
-  // Odometry's covariance since the sweep mapped before.
-  Matrix6 covariance_since_ = Matrix6::Zero();
-  std::optional<Pose> T_odom_base_before_;
+  StepCovariance step_covariance_;
   OdometryWatch watch_;
   std::uint64_t prev_mapped_ = 0;
   std::uint64_t mapped_ = 0;

@@ -7,16 +7,20 @@
 
 namespace zloam::mapping {
 
-/// Sees each odometry pose that arrives, mapped or not. Poses that mapping was too slow to take are
-/// missing here, but not in the odometry, which names the sweep before each.
+/// The odometry's steps from the pose seen before to this one: it names the sweep before each, so
+/// that poses which mapping was too slow to take are told from sweeps that the odometry lacked too.
+inline double steps_since(std::uint64_t before, std::uint64_t sweep, std::uint64_t prev_sweep) {
+  const bool none_between = prev_sweep <= before || sweep <= before;
+  return none_between ? 1.0 : static_cast<double>(sweep - before);
+}
+
+/// Sees each odometry pose that arrives, mapped or not.
 class OdometryWatch {
  public:
   void see(std::uint64_t sweep, std::uint64_t prev_sweep, std::int64_t instant_ns) {
     if (before_) {
       const double since_s = 1e-9 * static_cast<double>(instant_ns - before_->instant_ns);
-      const bool none_between = prev_sweep <= before_->sweep || sweep <= before_->sweep;
-      const double steps = none_between ? 1.0 : static_cast<double>(sweep - before_->sweep);
-      longest_s_ = std::max(longest_s_, since_s / steps);
+      longest_s_ = std::max(longest_s_, since_s / steps_since(before_->sweep, sweep, prev_sweep));
     } else {
       is_known_ = false;
     }
