@@ -398,10 +398,9 @@ runtime::CommandReply MappingStage::reset() {
   told_.reset();
   forget_published();
   ++map_id_;
-  if (std::exchange(lacks_map_, false)) {
-    stage_.degraded("map", "");
-    declare_tiles();
-  }
+  // Whatever the map before lacked, this one does not.
+  for (const char* topic : {"map", "recall"}) stage_.degraded(topic, "");
+  if (std::exchange(lacks_map_, false)) declare_tiles();
   const nlohmann::json results = {{"map_id", map_id_}};
   return {true, "map emptied", results.dump()};
 }

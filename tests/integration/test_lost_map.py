@@ -85,3 +85,22 @@ def test_the_store_has_map_and_frame_without_integration(
         assert said_of_map(run) == ""
         run.end()
     assert len({pose.map_id for pose in run.mapped.values()}) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_a_reset_ends_what_is_said_of_the_lost_map(
+    build: Path, robot_file: Path, drive: Capture, tmp_path: Path, method: str
+) -> None:
+    """The user has begun another map: the one that was lost is no longer missed."""
+    of_method = programs_of(build, method)
+    run = LiveRun(build, robot_file, drive, tmp_path, store=False, programs=of_method)
+    with run:
+        run.until_poses(KILL_AT)
+        run.restart("mapping")
+        run._until(lambda: bool(said_of_map(run)))
+        reply = run.chain.link.command("mapping", "reset", {})
+        assert reply is not None
+        assert reply.ok
+        run._until(lambda: not said_of_map(run))
+        run.end()

@@ -91,6 +91,8 @@ runtime::CommandReply MappingStage::reset() {
   unpublished_.clear();
   last_mapped_.reset();
   ++map_id_;
+  // Whatever the map before lacked, this one does not.
+  for (const char* topic : {"map", "recall"}) stage_.degraded(topic, "");
   const nlohmann::json results = {{"map_id", map_id_}};
   return {true, "map emptied", results.dump()};
 }
