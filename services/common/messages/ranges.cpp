@@ -336,6 +336,7 @@ std::string range_error(const msg::OdometryFeatures& m) {
   c.covariance(m.inertial_covariance(), 36, "inertial_covariance");
   c.numbers(m.inertial_state(), "inertial_state");
   c.finite_points(m.edges(), "edges").finite_points(m.planes(), "planes").health(m.health());
+  c.period(m.period_ns(), points_of(m.edges()).size() + points_of(m.planes()).size());
   c.require(std::isfinite(m.range_noise_m()) && m.range_noise_m() >= 0.0F,
             "range_noise_m is negative or not finite");
   return c.take();

@@ -220,6 +220,11 @@ TEST(Verify, SweepsAndFeaturesWithPointsHaveAPeriod) {
   f.period_ns = 100'000'000;
   EXPECT_TRUE(check<msg::Features>(build(header(), f)).ok());
   EXPECT_TRUE(check<msg::Features>(build(header(), FeaturesFields{.rings = 16})).ok());
+  OdometryFeaturesFields odometry{.planes = points};
+  expect_invalid(check<msg::OdometryFeatures>(build(header(), odometry)), "period_ns");
+  odometry.period_ns = 100'000'000;
+  EXPECT_TRUE(check<msg::OdometryFeatures>(build(header(), odometry)).ok());
+  EXPECT_TRUE(check<msg::OdometryFeatures>(build(header(), OdometryFeaturesFields{})).ok());
 }
 
 TEST(Verify, CovarianceHas36ValuesOrNone) {
