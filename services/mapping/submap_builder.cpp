@@ -1,6 +1,7 @@
 #include "mapping/submap_builder.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "mapping/grid_index.hpp"
 
@@ -88,7 +89,8 @@ void SubmapBuilder::take(PointSpan points, const Pose& T_first_base, std::uint64
     }
     Voxel& voxel = voxels_[place];
     voxel.sum += p;
-    voxel.intensity += static_cast<double>(point.intensity);
+    // As in the map's tiles: one point without an intensity leaves the voxel its own.
+    if (std::isfinite(point.intensity)) voxel.intensity += static_cast<double>(point.intensity);
     ++voxel.count;
     voxel.hits |= hit;
   }

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <random>
 
 namespace zloam::mapping {
@@ -118,6 +119,17 @@ TEST(SubmapBuilder, ASweepThatWasNotFoundEndsOneAndIsInNone) {
   EXPECT_FALSE(submaps[2].connected);
   // The covariance of the last unmatched pose counts once.
   EXPECT_NEAR(std::sqrt(submaps[2].step_covariance(0, 0)), 2.0, 0.01);
+}
+
+TEST(SubmapBuilder, APointWithoutIntensityLeavesItsVoxelOne) {
+  SubmapBuilder builder(10.0);
+  Drive some = drive(12);
+  for (PointVector& points : some.points) {
+    for (std::size_t k = 0; k < points.size(); k += 3) points[k].intensity = std::nanf("");
+  }
+  const auto submaps = built(some, builder);
+  ASSERT_EQ(submaps.size(), 1U);
+  for (const MapPoint& p : submaps[0].points) EXPECT_TRUE(std::isfinite(p.intensity));
 }
 
 TEST(SubmapBuilder, TheRestComesAtTheEnd) {
