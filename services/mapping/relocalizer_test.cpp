@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "mapping/mapping.hpp"
@@ -296,6 +297,31 @@ TEST(WallMap, ItsBestPlaceIsTheBestOfAll) {
     }
     EXPECT_NEAR(walls.share_at(around, places.front()), best, 0.01);
   }
+}
+
+// Two rooms at opposite corners of a city: with cells of 1 m its grid would be too large.
+TEST(WallMap, SearchesAMapOfManyKilometresToo) {
+  const Pose here = at(0.0, 0.0, 0.0);
+  std::vector<Eigen::Vector3f> map;
+  for (const Point& p : test::scan(test::furnished_room(), here, 0.01, 1).planes) {
+    map.push_back(p.position());
+  }
+  const Eigen::Vector3f far(4500.0F, 4500.0F, 0.0F);
+  for (const Point& p : test::scan(other_room(), here, 0.01, 1).planes) {
+    map.emplace_back(p.position() + far);
+  }
+  std::vector<Eigen::Vector3f> seen;
+  for (const Point& p : test::scan(other_room(), here, 0.01, 2).planes) {
+    seen.push_back(p.position());
+  }
+  const auto places = WallMap(map).likely_places(Surroundings(seen), 16);
+  double nearest_m = 1e9;
+  for (const Pose& place : places) {
+    const Eigen::Vector3d off = place.translation() - far.cast<double>();
+    nearest_m = std::min(nearest_m, off.head<2>().norm());
+  }
+  // Cells of 2 m, or the next one.
+  EXPECT_LT(nearest_m, 3.0);
 }
 
 TEST(WallMap, SeesThroughWallsThatAreNotThere) {

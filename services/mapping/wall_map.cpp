@@ -18,7 +18,7 @@ namespace {
 constexpr float kColumn_m = 0.5F, kGap_m = 1.0F, kWall_m = 0.6F;
 // Cell sizes of the search, which are also its steps. The one used is chosen such that a step of
 // the heading moves a wall at median range by one or two cells. Grids of more than kMostCells are
-// left out.
+// left out; a map that is too large for all of them has one of the next larger cells.
 constexpr std::array<float, 3> kCells_m = {0.25F, 0.5F, 1.0F};
 constexpr double kMostCells = 1e7;
 constexpr int kTurns = 128;
@@ -42,6 +42,24 @@ constexpr float kInView_m = 20.0F, kTooNear_m = 1.0F, kBehind_m = 0.7F;
 
 Eigen::Vector2i cell_of(const Eigen::Vector2f& at_m, float cell_m) {
   return (at_m / cell_m).array().floor().cast<int>();
+}
+
+/// Cell sizes for a map of this size, ascending; at least one.
+std::vector<float> cell_sizes_of(const Eigen::Vector2f& size_m) {
+  const auto is_small = [&](float cell_m) {
+    const Eigen::Vector2d cells = (size_m / cell_m).cast<double>();
+    return cells.x() * cells.y() <= kMostCells;
+  };
+  std::vector<float> sizes_m;
+  for (const float cell_m : kCells_m) {
+    if (is_small(cell_m)) sizes_m.push_back(cell_m);
+  }
+  float cell_m = kCells_m.back();
+  while (sizes_m.empty()) {
+    cell_m *= 2.0F;
+    if (is_small(cell_m)) sizes_m.push_back(cell_m);
+  }
+  return sizes_m;
 }
 
 /// Whether a column of points, in ascending height, contains a wall.
@@ -101,9 +119,7 @@ WallMap::WallMap(std::span<const Eigen::Vector3f> points) {
   std::vector<Eigen::Vector2f> walls;
   walls.reserve(wall_points.size());
   for (const Eigen::Vector3f& w : wall_points) walls.emplace_back(w.head<2>() - origin_);
-  for (const float cell_m : kCells_m) {
-    const Eigen::Vector2f cells = (high - low) / cell_m;
-    if (static_cast<double>(cells.x()) * static_cast<double>(cells.y()) > kMostCells) continue;
+  for (const float cell_m : cell_sizes_of(high - low)) {
     pyramids_.push_back(pyramid_of(walls, high - low, cell_m));
   }
   keep_heights(points);
