@@ -119,13 +119,12 @@ void check_addresses(runtime::Parameters& p, const DriverConfig& c) {
     const bool is_group = group.empty() || parse_ipv4(group) >> 28 == 14;
     return is_group ? "" : '"' + group + "\" is no multicast group of 224.0.0.0 to 239.255.255.255";
   });
-  p.check(
-      "driver.position_port",
-      [&c]() -> std::string {
-        const bool same = c.udp.position_port == c.udp.data_port && c.udp.data_port != 0;
-        return same && c.source == SourceKind::kUdp ? "must differ from driver.port" : "";
-      },
-      {"driver.port"});
+  p.check("driver.position_port",
+          [&c]() -> std::string {
+            const bool same = c.udp.position_port == c.udp.data_port && c.udp.data_port != 0;
+            return same && c.source == SourceKind::kUdp ? "must differ from driver.port" : "";
+          },
+          {"driver.port"});
 }
 
 void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
@@ -178,14 +177,13 @@ void bind_limits(runtime::Parameters& p, DriverConfig& c) {
         "lower corner of the robot's body in base_link; points inside are dropped");
   p.add("driver.body_box_max_m", &c.body_box_max_m, {-100.0, 100.0}, "m",
         "upper corner of the robot's body in base_link; no box if both corners are zero");
-  p.check(
-      "driver.body_box_max_m",
-      [&c]() -> std::string {
-        if (c.body_box_min_m.isZero(0.0) && c.body_box_max_m.isZero(0.0)) return "";
-        const bool above = (c.body_box_min_m.array() < c.body_box_max_m.array()).all();
-        return above ? "" : "must be above driver.body_box_min_m in x, y and z";
-      },
-      {"driver.body_box_min_m"});
+  p.check("driver.body_box_max_m",
+          [&c]() -> std::string {
+            if (c.body_box_min_m.isZero(0.0) && c.body_box_max_m.isZero(0.0)) return "";
+            const bool above = (c.body_box_min_m.array() < c.body_box_max_m.array()).all();
+            return above ? "" : "must be above driver.body_box_min_m in x, y and z";
+          },
+          {"driver.body_box_min_m"});
 }
 
 void bind_scans(runtime::Parameters& p, DriverConfig& c) {
@@ -272,12 +270,11 @@ void bind(runtime::Parameters& p, DriverConfig& c) {
   });
   p.check("driver.azimuth_mask_deg",
           [&c] { return error_of([&] { azimuth_sectors(c.azimuth_mask_deg); }); });
-  p.check(
-      "driver.max_range_m",
-      [&c]() -> std::string {
-        return c.max_range_m > c.min_range_m ? "" : "is not above driver.min_range_m";
-      },
-      {"driver.min_range_m"});
+  p.check("driver.max_range_m",
+          [&c]() -> std::string {
+            return c.max_range_m > c.min_range_m ? "" : "is not above driver.min_range_m";
+          },
+          {"driver.min_range_m"});
 }
 
 std::vector<AzimuthSector> azimuth_sectors(const std::vector<std::string>& texts) {

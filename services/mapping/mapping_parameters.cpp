@@ -33,16 +33,16 @@ void bind_map(Parameters& p, MappingConfig& c) {
   p.add("mapping.local_tiles", &c.local_tiles, {1, 1001}, "",
         "tiles around the sensor that map/surround shows: x, y, z, odd numbers");
   p.check("mapping.window_tiles", [&c] { return error_of(c.window_tiles); });
-  p.check(
-      "mapping.local_tiles",
-      [&c]() -> std::string {
-        if (std::string error = error_of(c.local_tiles); !error.empty()) return error;
-        for (std::size_t a = 0; a < 3; ++a) {
-          if (c.local_tiles[a] > c.window_tiles[a]) return "must not exceed mapping.window_tiles";
-        }
-        return {};
-      },
-      {"mapping.window_tiles"});
+  p.check("mapping.local_tiles",
+          [&c]() -> std::string {
+            if (std::string error = error_of(c.local_tiles); !error.empty()) return error;
+            for (std::size_t a = 0; a < 3; ++a) {
+              if (c.local_tiles[a] > c.window_tiles[a])
+                return "must not exceed mapping.window_tiles";
+            }
+            return {};
+          },
+          {"mapping.window_tiles"});
 }
 
 void bind_points(Parameters& p, MappingConfig& c) {

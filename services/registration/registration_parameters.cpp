@@ -23,12 +23,11 @@ void bind_points(runtime::Parameters& p, RegistrationConfig& c) {
   p.add("registration.min_points", &c.min_points, {0, 1e6}, "points",
         "minimum number of valid points; a sweep with fewer has health TooFewPoints")
       .live();
-  p.check(
-      "registration.max_range_m",
-      [&c] {
-        return c.max_range_m > c.min_range_m ? "" : "must be above registration.min_range_m";
-      },
-      {"registration.min_range_m"});
+  p.check("registration.max_range_m",
+          [&c] {
+            return c.max_range_m > c.min_range_m ? "" : "must be above registration.min_range_m";
+          },
+          {"registration.min_range_m"});
 }
 
 void bind_features(runtime::Parameters& p, RegistrationConfig& c) {

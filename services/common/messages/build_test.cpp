@@ -157,8 +157,8 @@ TEST(Build, EveryOtherKindPassesItsOwnVerifier) {
   EXPECT_EQ(
       checked<msg::Features>(build(h, FeaturesFields{.rings = 1, .sharp = points})).sharp()->size(),
       1U);
-  const Buffer features = build(
-      h, OdometryFeaturesFields{.period_ns = 100'000'000, .edges = points, .planes = points});
+  const Buffer features =
+      build(h, OdometryFeaturesFields{.period_ns = 100'000'000, .edges = points, .planes = points});
   EXPECT_EQ(points_of(checked<msg::OdometryFeatures>(features).planes()).size(), 1U);
   MapCorrectionFields correction;
   correction.T_map_odom = sample_pose();

@@ -38,15 +38,14 @@ void bind_flow(Parameters& p, SharedConfig& c) {
         Effect::kNone);
   p.add("flow.retransmit_ms", &c.flow.retransmit_ms, {50, 60000}, "ms",
         "replay: delay before a sweep without progress is published again", Effect::kNone);
-  p.check(
-      "flow.window",
-      [&c]() -> std::string {
-        if (c.flow.window <= c.recovery.keep_messages) return {};
-        return "must not exceed recovery.keep_messages (" +
-               std::to_string(c.recovery.keep_messages) +
-               "), or a lost sweep can't be requested again";
-      },
-      {"recovery.keep_messages"});
+  p.check("flow.window",
+          [&c]() -> std::string {
+            if (c.flow.window <= c.recovery.keep_messages) return {};
+            return "must not exceed recovery.keep_messages (" +
+                   std::to_string(c.recovery.keep_messages) +
+                   "), or a lost sweep can't be requested again";
+          },
+          {"recovery.keep_messages"});
 }
 
 void bind_recovery(Parameters& p, RecoveryConfig& c) {

@@ -50,8 +50,7 @@ struct Fenced {
   Watched<std::vector<std::uint64_t>> seen;
   RunningStage reader{network.open(0), setup("integration"), [this](Stage& stage) {
                         stage.inlet<msg::Odometry>(
-                            Key::kOdometry, input,
-                            [this](const Received<msg::Odometry>& odometry) {
+                            Key::kOdometry, input, [this](const Received<msg::Odometry>& odometry) {
                               seen.change([&](auto& all) { all.push_back(odometry.sweep()); });
                             });
                       }};

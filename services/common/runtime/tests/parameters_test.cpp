@@ -48,10 +48,9 @@ struct ParameterFile : testing::Test {
     p.add("stage.tiles", &c.tiles, {1, 99}, "", "tiles");
     p.add("stage.list", &c.list, "texts");
     p.check("stage.big", [this] { return c.big == 13 ? "must not be 13" : ""; });
-    p.check(
-        "stage.noise_m",
-        [this] { return c.range_m < 1.0 && c.noise_m > 0.3F ? "is too much" : ""; },
-        {"stage.deep.count", "stage.range_m"});
+    p.check("stage.noise_m",
+            [this] { return c.range_m < 1.0 && c.noise_m > 0.3F ? "is too much" : ""; },
+            {"stage.deep.count", "stage.range_m"});
   }
   std::string error(const std::string& text, const std::vector<std::string>& settings = {}) {
     try {
