@@ -114,7 +114,7 @@ test: build-all test-venv ## unit and integration tests, layers, schemas
 	@$(STEP) "layers and schemas" deploy/build/checks.sh
 	@$(STEP) "unit tests" ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) --no-tests=error
 	@$(STEP) "integration tests" $(PY) -m pytest -q -m "not slow" -n $(TEST_JOBS) --dist loadscope
-	@$(STEP) "a minute of fuzzing" tests/fuzz/run.sh --if-there 15
+	@$(STEP) "a minute of fuzzing" tests/fuzz/run.sh --if-there --readers 15
 	@$(STEP) "container smoke" $(PY) -m pytest -q -rs -m smoke tests/system
 
 FULL := test slow-tests lint sanitize fuzz system arm64 accept bench

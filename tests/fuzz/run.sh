@@ -1,14 +1,22 @@
 #!/usr/bin/env bash
 # libFuzzer with AddressSanitizer and UBSan on everything that reads foreign bytes.
-# usage: tests/fuzz/run.sh [--if-there] [seconds for each target] [target ...]
+# usage: tests/fuzz/run.sh [--if-there] [--readers] [seconds for each target] [target ...]
 #   --if-there: without the compiler or its libraries say so and leave with 0
+#   --readers: all targets but messages. It drives whole stages, so that it takes four times as long to compile as
+#     all others, and runs a few times in a second: it needs more than a minute
 set -euo pipefail
 cd "$(dirname "$0")/../.."
+readers=(packets position nmea pcap scip tables settings ros)
+targets=("${readers[@]}" messages)
 missing=1
-if [ "${1:-}" = --if-there ]; then
-  missing=0
+while [ $# -gt 0 ]; do
+  case "$1" in
+    --if-there) missing=0 ;;
+    --readers) targets=("${readers[@]}") ;;
+    *) break ;;
+  esac
   shift
-fi
+done
 seconds=${1:-60}
 shift || true
 out=build/fuzz
@@ -24,12 +32,20 @@ if ! command -v "$compiler" >/dev/null ||
   echo "fuzz: skipped: $compiler with its fuzzing libraries is missing (make tools installs it)" >&2
   exit "$missing"
 fi
-# Everything but the programs themselves, what needs more libraries, and the tests.
-mapfile -t sources < <(find services/{common,driver,registration,odometry,mapping,integration,store} -name '*.cpp' \
-  ! -name '*_test.cpp' ! -name main.cpp ! -path '*/tests/*' ! -path '*/tools/*' ! -path '*/calibration/*' | sort)
-sources+=(services/ros/{cdr,graph}.cpp "$out/generated/stage_list.cpp")
-targets=(packets position nmea pcap scip tables settings messages ros)
 if [ $# -gt 0 ]; then targets=("$@"); fi
+sources=()
+for target in "${targets[@]}"; do sources+=("tests/fuzz/${target}_fuzz.cpp"); done
+folders=(services/common/geometry services/driver/{decoder,hesai,io,scip,spinning,sweep,velodyne})
+if [[ " ${targets[*]} " == *" messages "* ]]; then
+  folders=(services/{common,driver,registration,odometry,mapping,integration,store})
+  sources+=(tests/fuzz/{messages,network}.cpp "$out/generated/stage_list.cpp")
+else
+  sources+=(services/common/runtime/{parameter_file,parameter_text,parameter_types,parameters,json_guard}.cpp)
+fi
+# Everything but the programs themselves, what needs more libraries, and the tests.
+mapfile -t parts < <(find "${folders[@]}" -name '*.cpp' \
+  ! -name '*_test.cpp' ! -name main.cpp ! -path '*/tests/*' ! -path '*/tools/*' ! -path '*/calibration/*' | sort)
+sources+=("${parts[@]}" services/ros/{cdr,graph}.cpp)
 libraries="-lpcap -lyaml-cpp -lpugixml -lflatbuffers -lspdlog -lfmt -lcrypto -lxxhash"
 each() { # function, arguments: as many at a time as there are processors
   printf '%s\n' "${@:2}" | xargs -P "$(nproc)" -I{} bash -euo pipefail -c "$1 {}"
@@ -58,8 +74,8 @@ mkdir -p "$out/objects" "$out/generated/schemas" "$out/schemas"
 flatc --cpp --cpp-std c++17 --scoped-enums --reflect-names -I schemas -o "$out/generated/schemas" schemas/*.fbs
 flatc --schema -b -I schemas -o "$out/schemas" schemas/*.fbs
 cmake -DZLOAM_GENERATED="$out/generated" -P cmake/stages.cmake
-each compile "${sources[@]}" tests/fuzz/*.cpp
-ar rcs "$out/objects/all.a" "$out"/objects/services_*.o "$out"/objects/*stage_list.cpp.o "$out"/objects/tests_fuzz_{network,messages}.cpp.o
+each compile "${sources[@]}"
+find "$out/objects" -name '*.o' ! -name '*_fuzz.cpp.o' -print0 | xargs -0 ar rcs "$out/objects/all.a"
 each link "${targets[@]}"
 python3 tests/fuzz/seeds.py "$out/seeds"
 each fuzz "${targets[@]}"
