@@ -2,8 +2,8 @@
 # libFuzzer with AddressSanitizer and UBSan on everything that reads foreign bytes.
 # usage: tests/fuzz/run.sh [--if-there] [--readers] [seconds for each target] [target ...]
 #   --if-there: without the compiler or its libraries say so and leave with 0
-#   --readers: all targets but messages. It drives whole stages, so that it takes four times as long to compile as
-#     all others, and runs a few times in a second: it needs more than a minute
+#   --readers: all targets but messages, which drives whole stages: their compilation takes most of the time, and with a
+#     few runs in a second it needs more than a minute
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 readers=(packets position nmea pcap scip tables settings ros)

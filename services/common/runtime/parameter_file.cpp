@@ -49,7 +49,7 @@ class FirstLine : public YAML::EventHandler {
 };
 
 /// The line at which something follows the first document of the text. YAML::LoadAll() can't tell:
-/// it takes a bracket too many for a document, again and again without end.
+/// it takes a comma behind a '}' for a document, again and again without end.
 std::optional<int> line_after_document(const std::string& text) {
   std::istringstream stream(text);
   YAML::Parser parser(stream);
@@ -175,7 +175,7 @@ struct Parameters::Loader {
       YAML::Node found = YAML::Load(text);
       if (const std::optional<int> line = line_after_document(text)) {
         errors.push_back(name + ":" + std::to_string(*line) +
-                         ": a second document (after '---', '...' or a bracket too many) is not "
+                         ": a second document (after '---', '...' or a comma too many) is not "
                          "read: a file has one");
       }
       return found;
