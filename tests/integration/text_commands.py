@@ -191,6 +191,10 @@ COMMANDS: dict[str, Kind] = {
     "docker compose up -d": Form(COMPOSE),
     "docker compose up -d driver": Form(COMPOSE),
     "docker compose down": Form(COMPOSE),
+    "subnet=$(docker network inspect zenoh-loam_default "
+    "--format '{{(index .IPAM.Config 0).Subnet}}')": Form("nobody: Docker's own command"),
+    'for to in "$subnet" 127.0.0.0/8; do '
+    'sudo iptables -t raw -I PREROUTING -i eth0 -d "$to" -j DROP; done': Excluded(CHANGES),
     "docker volume rm zenoh-loam_shm": Form("nobody: Docker's own command"),
     "docker compose restart": Form("Compose: the processes begin again"),
     "docker compose stop": Form("tests/system/live.py"),
