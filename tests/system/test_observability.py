@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
-from tests.system.compose import Deployment, free_port
+from tests.system.compose import ROOT, Deployment, free_port
 from tests.system.conftest import DETACHED
 
 pytestmark = pytest.mark.system
@@ -53,6 +54,12 @@ def asked(port: int, path: str) -> Any:
     return fetched(port, f"api/v1/{path}")["data"]
 
 
+def alerts() -> list[str]:
+    """Names of the alerts that we give Prometheus."""
+    (group,) = yaml.safe_load((ROOT / "deploy/observability/alerts.yml").read_text())["groups"]
+    return [rule["alert"] for rule in group["rules"]]
+
+
 def test_prometheus_and_the_page_show_the_robot(watched: tuple[int, int]) -> None:
     port, page = watched
     wanted = {"driver", "registration", "odometry", "mapping", "integration"}
@@ -75,5 +82,5 @@ def test_prometheus_and_the_page_show_the_robot(watched: tuple[int, int]) -> Non
     assert {stage["health"] for stage in state["stages"]} == {"ready"}
     assert state["pose"]["health"] == "ok"
     (group,) = asked(port, "rules")["groups"]
-    assert len(group["rules"]) == 10
+    assert [rule["name"] for rule in group["rules"]] == alerts()
     assert {rule["health"] for rule in group["rules"]} <= {"ok", "unknown"}
