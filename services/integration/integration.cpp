@@ -6,6 +6,7 @@
 
 #include "common/geometry/motion_covariance.hpp"
 #include "common/geometry/state_bits.hpp"
+#include "common/geometry/unobserved_motion.hpp"
 
 namespace zloam::integration {
 namespace {
@@ -33,12 +34,6 @@ Matrix6 counted(const Matrix6& step, const IntegrationConfig& config) {
 // at most a few sweeps behind. A replay's corrections are as old as scheduled: there it counts only
 // where mapping has matched nothing since.
 constexpr std::int64_t kOldCorrection_ns = 1'000'000'000;
-
-// Beyond this gap the last motion does not predict where the platform is now; as in mapping.
-constexpr double kLongestGap_s = 5.0;
-// Bounds of the unobserved motion in such a gap, as in mapping's search: acceleration or braking,
-// and angular rate.
-constexpr double kAcceleration_mps2 = 2.0, kTurn_radps = 0.3;
 
 /// The pose was measured, at least along some directions.
 bool is_located(Health health) { return health == Health::kOk || health == Health::kDegenerate; }
@@ -304,7 +299,8 @@ Matrix6 Integrator::covariance_after_break(const OdometryPose& pose) const {
   const double gap_s = bridged_s(*last_odometry_, pose);
   const Pose T_now_last = exp_se3(-gap_s * last_odometry_->twist_per_s);
   return carried(last_fused_->covariance, T_now_last) +
-         diagonal_covariance(0.5 * kAcceleration_mps2 * gap_s * gap_s, kTurn_radps * gap_s);
+         diagonal_covariance(0.5 * kUnobservedAcceleration_mps2 * gap_s * gap_s,
+                             kUnobservedTurn_radps * gap_s);
 }
 
 Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* correction) {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/geometry/unobserved_motion.hpp"
+
 namespace zloam::mapping {
 namespace {
 
@@ -14,8 +16,6 @@ constexpr std::uint32_t kWidths = 4;
 constexpr std::uint32_t kOften = kSweepsOfAWidth * kWidths, kSeldom = 5;
 // Maximum number of places matched for one sweep besides the guess: each costs a full match.
 constexpr std::size_t kMostPlaces = 8;
-// Bounds of the unobserved motion in a gap: acceleration or braking, and angular rate.
-constexpr double kAcceleration_mps2 = 2.0, kTurn_radps = 0.3;
 constexpr double kFarthest_m = 30.0, kMostTurned_rad = 1.6;
 constexpr double kFar_m = 0.1;
 // Rotation by which a match may differ from the heading that it starts with.
@@ -43,8 +43,8 @@ constexpr double kShortGap_s = 1.0;
 SearchArea area_of(const MappingConfig& config, double gap_s, std::uint32_t attempt) {
   const double width = 1.0 + static_cast<double>(attempt / kSweepsOfAWidth % kWidths);
   const double distance_m =
-      width * config.bridge_distance_m + 0.5 * kAcceleration_mps2 * gap_s * gap_s;
-  const double rotation_rad = width * config.bridge_rotation_rad + kTurn_radps * gap_s;
+      width * config.bridge_distance_m + 0.5 * kUnobservedAcceleration_mps2 * gap_s * gap_s;
+  const double rotation_rad = width * config.bridge_rotation_rad + kUnobservedTurn_radps * gap_s;
   return {std::min(distance_m, kFarthest_m), std::min(rotation_rad, kMostTurned_rad)};
 }
 

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <utility>
 
+#include "common/geometry/unobserved_motion.hpp"
 #include "mapping/bridging.hpp"
 #include "mapping/mapper_state.hpp"
 #include "mapping/pose_covariance.hpp"
@@ -10,8 +11,6 @@
 namespace zloam::mapping {
 namespace {
 
-// Beyond this gap the last motion does not predict where the sensor is now.
-constexpr double kLongestGap_s = 5.0;
 // In a fixed map the sensor may have been carried away during a longer time without odometry: it is
 // searched for.
 constexpr double kWatched_s = 1.0;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -309,8 +310,8 @@ def test_no_start_of_a_standby_has_the_instance_of_one_before(
     chain = Chain(build, build / "robot.yaml", "robot", [], build / "logs")
     with closing(chain):
         monkeypatch.setattr(chain.processes, "start", note)
+        monkeypatch.setattr(time, "time_ns", itertools.count(time.time_ns(), 10**6).__next__)
         chain.start_standbys()
-        time.sleep(0.01)
         for name, _ in list(started):
             chain.start(name)
     assert [name for name, _ in started] == [standby_of(stage) for stage in STOOD_BY] * 2

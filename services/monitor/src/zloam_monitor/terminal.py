@@ -21,8 +21,8 @@ def silence() -> None:
 
 
 def last_words(text: str) -> None:
-    """Prints what is said after Ctrl-C. It ends the reader of `zloam run | tee log` too, which is
-    no failure of the command."""
+    """Prints a text after Ctrl-C. The reader may have ended by it too, as in `zloam run | tee log`:
+    the command has not failed by that."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
