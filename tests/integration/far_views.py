@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -56,6 +57,23 @@ class Found:
         }
 
 
+def processors() -> tuple[set[int], set[int]]:
+    """The robot's processors and those of the views, which would use their own on a second host."""
+    mine = sorted(os.sched_getaffinity(0))
+    return (set(mine[:-1]), set(mine[-1:])) if len(mine) > 1 else (set(mine), set(mine))
+
+
+@contextlib.contextmanager
+def on_processors(cpus: set[int]) -> Iterator[None]:
+    """Processes and threads that are started inside run on these processors only."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, cpus)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
 def start_beside(run: LiveRun, far: Far) -> None:
     """Starts a router that the other host can reach, and the preview."""
     processes = run.chain.processes
@@ -67,28 +85,20 @@ def start_beside(run: LiveRun, far: Far) -> None:
 
 
 @contextlib.contextmanager
-def all_open(run: LiveRun, far: Far) -> Iterator[Path]:
-    """Opens all views on the other host and yields the folder of their results."""
+def all_open(run: LiveRun, far: Far, cpus: set[int]) -> Iterator[Path]:
+    """Opens all views on the other host, which has these processors, and yields the file that says
+    what they have shown so far."""
     folder = run.out / "views"
     folder.mkdir()
     behind = f"127.0.0.1:{free_port()}"
     over_there = Processes()
     here = relay(behind, f"{far.near_address}:{ROUTER_PORT}", DELAY_S)
-    # The views get only idle CPU time, as on a real second machine they would use a CPU of their
-    # own.
-    views = [
-        "nice",
-        "-n",
-        "19",
-        sys.executable,
-        "-m",
-        "tests.integration.all_views",
-        f"tcp/{behind}",
-    ]
+    views = [sys.executable, "-m", "tests.integration.all_views", f"tcp/{behind}", str(folder)]
     paths = {"PYTHONPATH": f"{ROOT}:{ROOT}/services/monitor/src"}
     try:
-        over_there.start("relay", far.command(here), folder / "relay.log")
-        over_there.start("views", far.command([*views, str(folder)]), folder / "views.log", paths)
+        with on_processors(cpus):
+            over_there.start("relay", far.command(here), folder / "relay.log")
+            over_there.start("views", far.command(views), folder / "views.log", paths)
         shown = folder / "shown.json"
         deadline = time.monotonic() + OPEN_S
         while not shown.exists():
@@ -112,14 +122,17 @@ def measure(build: Path, robot_file: Path, out: Path, far: Far, seconds: float) 
     """Measures both phases; each lasts `seconds`."""
     drive = drive_for(build, out, seconds)
     more = (f"zenoh.connect=[tcp/{far.near_address}:{ROUTER_PORT}]",)
-    run = LiveRun(build, robot_file, drive, out, slower=1.0, seconds=float("inf"), more=more)
-    with run:
+    here, over_there = processors()
+    with contextlib.ExitStack() as open_now:
+        open_now.enter_context(on_processors(here))
+        run = LiveRun(build, robot_file, drive, out, slower=1.0, seconds=float("inf"), more=more)
+        open_now.enter_context(run)
         start_beside(run, far)
         robot = Observed(run)
         run.wait(LAP_S)
         far.slow_down(BIT_PER_S)
         alone = robot.during(seconds)
-        with all_open(run, far) as shown:
+        with all_open(run, far, over_there) as shown:
             before, came = json.loads(shown.read_text()), far.received_bytes()
             watched = robot.during(seconds)
             came = far.received_bytes() - came
