@@ -1,6 +1,7 @@
 #include "driver/io/look_ahead.hpp"
 
 #include <algorithm>
+#include <cstddef>
 #include <limits>
 
 #include "driver/sweep/clock.hpp"
@@ -11,8 +12,10 @@ namespace {
 constexpr std::int64_t kLookAheadNs = 1'500'000'000;
 // Limit by the receive times: the stamps of packets whose metadata are missing tell no time.
 constexpr std::int64_t kMostReceivedNs = 2 * kLookAheadNs;
-// Enough for 1.5 s of any model, and for other datagrams between them.
+// Enough for 1.5 s of any model, and for other datagrams between them. The times of other sensors'
+// packets do not count: where the named sensor sends nothing, these limits alone end the reading.
 constexpr std::size_t kMostKept = 65'536;
+constexpr std::size_t kMostKeptBytes = std::size_t{256} << 20;
 // If the first packet is late by less than this against the others, its receive time is used as it
 // is.
 constexpr std::int64_t kLateStartNs = 50'000'000;
@@ -23,12 +26,14 @@ LookAhead::LookAhead(PacketSource& source, const DecodingOptions& options, std::
     : source_(source), makers_(options), sender_(sender) {
   Datagram datagram;
   bool enough = false;
-  while (!enough && kept_.size() < kMostKept) {
+  std::size_t bytes = 0;
+  while (!enough && kept_.size() < kMostKept && bytes < kMostKeptBytes) {
     if (source_.next(datagram, 0) != Read::kDatagram) {
       ended_ = true;
       break;
     }
     kept_.push_back({{datagram.payload.begin(), datagram.payload.end()}, datagram});
+    bytes += datagram.payload.size();
     enough = add(datagram);
   }
   first_received_ns_ = least_late();

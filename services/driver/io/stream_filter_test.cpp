@@ -291,6 +291,29 @@ TEST(LookAhead, ReadsNoFurtherWhereTheStampsStand) {
   EXPECT_EQ(ahead.first_received_ns(), 0);
 }
 
+/// Packets of another sensor, as large as IP allows.
+class Large : public PacketSource {
+ public:
+  Read next(Datagram& datagram, int /*timeout_ms*/) override {
+    datagram = {payload_, kStartNs + kPacketNs * packets_++, 2368, kOther};
+    return packets_ > 6000 ? Read::kEnd : Read::kDatagram;
+  }
+  NamedCounts counts() const override { return {}; }
+  std::int64_t packets() const { return packets_; }
+
+ private:
+  Bytes payload_ = Bytes(65'000);
+  std::int64_t packets_ = 0;
+};
+
+// The sensor was named by a wrong address: all that is read meanwhile stays in memory.
+TEST(LookAhead, ReadsNoGigabytesWhereTheNamedSensorSendsNothing) {
+  Large large;
+  const LookAhead ahead(large, {}, kFirst);
+  EXPECT_LE(large.packets(), (256 << 20) / 65'000 + 1);
+  EXPECT_EQ(ahead.first_received_ns(), 0);
+}
+
 /// One recording after the other, as a single one.
 class Joined : public PacketSource {
  public:
