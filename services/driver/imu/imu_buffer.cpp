@@ -29,12 +29,16 @@ std::string with_value(const char* format, double value) {
 /// False for NaN too.
 bool is_plausible(const Eigen::Vector3d& v) { return (v.array().abs() <= kMostOfReading).all(); }
 
+bool is_plausible(const ImuReading& reading) {
+  return is_plausible(reading.force_mps2) && is_plausible(reading.rate_radps);
+}
+
 /// Of the plausible readings; nothing if there is none.
 std::optional<Eigen::Vector3d> mean_force(const std::vector<ImuReading>& readings) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   std::size_t count = 0;
   for (const ImuReading& r : readings) {
-    if (!is_plausible(r.force_mps2)) continue;
+    if (!is_plausible(r)) continue;
     sum += r.force_mps2;
     ++count;
   }
@@ -46,7 +50,7 @@ std::optional<Eigen::Vector3d> mean_force(const std::vector<ImuReading>& reading
 
 bool ImuBuffer::add(const ImuReading& reading) {
   ++received_;
-  if (!is_plausible(reading.force_mps2) || !is_plausible(reading.rate_radps)) {
+  if (!is_plausible(reading)) {
     ++invalid_;
     return false;
   }

@@ -128,6 +128,10 @@ TEST(WrongUnits, ADamagedReadingDoesNotJudgeTheOthers) {
   EXPECT_NE(said(1e30, 1.0).find("in g"), std::string::npos);
   EXPECT_NE(said(std::nan(""), 1.0).find("in g"), std::string::npos);
   EXPECT_EQ(said(1e30, -1e30), "");
+  // The same damage may leave the force just possible.
+  ImuReading spinning = at(5, {0.0, 0.0, 1e5});
+  spinning.rate_radps.x() = 1e30;
+  EXPECT_EQ(wrong_units({at(0, {0.0, 0.0, 9.81}), spinning}, Eigen::Matrix3d::Identity()), "");
 }
 
 /// Verdict on readings that a buffer accepts.
