@@ -290,7 +290,7 @@ TEST_F(Sources, ErrorsNameTheFile) {
   EXPECT_THAT(error_of([&] { open_pcap(write("e.pcap", {})); }), HasSubstr("empty"));
   EXPECT_THAT(error_of([&] { open_payload_file(write("e.bin", {}), 1206); }), HasSubstr("0 bytes"));
   EXPECT_THAT(error_of([&] { open_payload_file(write("p.bin", packet_), 0); }),
-              HasSubstr("driver.model"));
+              HasSubstr("driver.metadata"));
   EXPECT_THAT(error_of([&] { open_pcap(write("t.txt", Bytes(100, 'a'))); }),
               HasSubstr("not a pcap"));
   EXPECT_THAT(error_of([&] { open_pcap(write("w.pcap", pcap_file(kMicroseconds, 147, {}))); }),

@@ -19,7 +19,9 @@ class PayloadFileSource : public PacketSource {
     struct stat status {};
     if (stat(path.c_str(), &status) != 0) throw SourceError(path + ": " + std::strerror(errno));
     if (payload_bytes == 0) {
-      throw SourceError(path + ": how long its packets are is not known: set driver.model");
+      throw SourceError(path +
+                        ": how long its packets are is not known: name the sensor's metadata in "
+                        "driver.metadata");
     }
     if (S_ISDIR(status.st_mode)) throw SourceError(path + ": is a directory, not a packet file");
     if (status.st_size < static_cast<off_t>(payload_bytes)) {
