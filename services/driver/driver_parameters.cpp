@@ -232,10 +232,12 @@ void bind_imu(runtime::Parameters& p, DriverConfig& c) {
     }
     return "";
   });
-  p.check("driver.imu_path", [&c]() -> std::string {
-    return c.imu == ImuChoice::kFile && c.imu_path.empty() ? "is empty, but driver.imu is file"
-                                                           : "";
-  });
+  p.check("driver.imu_path",
+          [&c]() -> std::string {
+            const bool lacks = c.imu == ImuChoice::kFile && c.imu_path.empty();
+            return lacks ? "is empty, but driver.imu is file" : "";
+          },
+          {"driver.imu"});
 }
 
 }  // namespace
@@ -258,16 +260,20 @@ void bind(runtime::Parameters& p, DriverConfig& c) {
   bind_scans(p, c);
   bind_imu(p, c);
   p.check("driver.rate", [&c] { return rate_error(c.rate); });
-  p.check("driver.path", [&c]() -> std::string {
-    if (c.source == SourceKind::kScip) return device_error(c.path);
-    return !is_live(c.source) && c.path.empty() ? "is empty, but driver.source is a file or folder"
-                                                : "";
-  });
-  p.check("driver.time_model", [&c]() -> std::string {
-    if (c.source != SourceKind::kKitti || c.scan.model != TimeModel::kNone) return "";
-    return "is none, but such scans have no point times: say clockwise, counter_clockwise or "
-           "deskewed";
-  });
+  p.check("driver.path",
+          [&c]() -> std::string {
+            if (c.source == SourceKind::kScip) return device_error(c.path);
+            const bool lacks = !is_live(c.source) && c.path.empty();
+            return lacks ? "is empty, but driver.source is a file or folder" : "";
+          },
+          {"driver.source"});
+  p.check("driver.time_model",
+          [&c]() -> std::string {
+            if (c.source != SourceKind::kKitti || c.scan.model != TimeModel::kNone) return "";
+            return "is none, but such scans have no point times: say clockwise, "
+                   "counter_clockwise or deskewed";
+          },
+          {"driver.source"});
   p.check("driver.azimuth_mask_deg",
           [&c] { return error_of([&] { azimuth_sectors(c.azimuth_mask_deg); }); });
   p.check("driver.max_range_m",

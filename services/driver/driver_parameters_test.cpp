@@ -40,6 +40,14 @@ TEST(DriverParameters, TwoKindsOfPacketsNeedTwoPorts) {
   EXPECT_EQ(refusal({"driver.position_port=2368", "driver.source=zenoh"}), "");
 }
 
+TEST(DriverParameters, WhatASourceNeedsIsAskedForAtTheSource) {
+  const std::string source = "driver.source=kitti";
+  EXPECT_THAT(refusal({source}), HasSubstr("--set driver.source: driver.path: is empty"));
+  EXPECT_THAT(refusal({source}), HasSubstr("--set driver.source: driver.time_model: is none"));
+  EXPECT_THAT(refusal({"driver.source=pcap", "driver.path=x.pcap", "driver.imu=file"}),
+              HasSubstr("--set driver.imu: driver.imu_path: is empty"));
+}
+
 TEST(DriverParameters, AddressesThatCantBeUsedAreNamedWithTheirKey) {
   EXPECT_EQ(refusal({"driver.bind_address=192.168.1.77", "driver.multicast_group=239.0.0.1"}), "");
   EXPECT_EQ(refusal({"driver.bind_address=", "driver.multicast_group="}), "");
