@@ -264,6 +264,21 @@ TEST_F(Sources, ACaptureOfIpv6SaysSo) {
   }
 }
 
+// Other machines on the network send some datagrams by IPv4.
+TEST_F(Sources, ACaptureOfIpv6SaysSoBesideOtherTraffic) {
+  Bytes ip = ipv4(packet_);
+  ip[0] = 0x60;
+  for (const std::size_t count : {10U, 200U}) {
+    std::vector<Bytes> frames(count, ip);
+    frames.push_back(ipv4(packet_));
+    const auto source = open_pcap(write("v6.pcap", pcap_file(kMicroseconds, 101, frames)));
+    Datagram datagram;
+    EXPECT_EQ(source->next(datagram, 0), Read::kDatagram);
+    EXPECT_EQ(source->next(datagram, 0), Read::kEnd);
+    EXPECT_EQ(source->complaint().empty(), count == 10) << source->complaint();
+  }
+}
+
 TEST_F(Sources, ATruncatedCaptureKeepsWhatCameBeforeAndComplains) {
   const Bytes frame = ethernet(ipv4(packet_));
   Bytes file = pcap_file(kMicroseconds, 1, {frame, frame, frame});

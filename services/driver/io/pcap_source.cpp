@@ -15,6 +15,8 @@ struct PcapClose {
   void operator()(pcap_t* pcap) const { pcap_close(pcap); }
 };
 
+// In so many packets of a sensor there is less than one of the network itself (mDNS, DHCP).
+constexpr std::uint64_t kFewAmong = 100;
 constexpr const char* kNoneOfOurs = ", which is none of Ethernet, Linux cooked, raw IP, loopback";
 
 /// Frames of a pcap or pcapng file.
@@ -129,10 +131,10 @@ class PcapSource : public PacketSource {
       add(std::to_string(other_link_) + " frames of link type " +
           std::to_string(unknown_link_type_) + kNoneOfOurs + ", were passed over");
     }
-    if (ipv6_ > 0 && datagrams_ == 0) {
-      add("its " + std::to_string(ipv6_) +
-          " IPv6 packets are not read, and no IPv4 packet holds a datagram: set the sensor to send "
-          "by IPv4");
+    if (ipv6_ > kFewAmong * datagrams_) {
+      add("its " + std::to_string(ipv6_) + " IPv6 packets are not read, and only " +
+          std::to_string(datagrams_) +
+          " IPv4 packets hold a datagram: set the sensor to send by IPv4");
     }
     if (cut_ > 0) {
       add(std::to_string(cut_) +
