@@ -21,6 +21,8 @@ constexpr double kRestChiSquared = 12.59;
 // In periods of a sweep. The motion of the last mapped sweep still predicts the next one across one
 // missing sweep; across several its prediction is metres off.
 constexpr double kLongestStep = 2.5;
+// Only a sweep without points may have a shorter period, or none.
+constexpr std::uint32_t kLeastPeriod_ns = 1'000'000;
 // Limit of the squared Mahalanobis distance between two predictions: 99.9 % are below if both
 // covariances are right (chi-squared with six degrees of freedom).
 constexpr double kContradiction = 22.46;
@@ -36,6 +38,12 @@ bool is_moving(const MappingInput& input) {
   const bool known = input.step_covariance.allFinite() && covariance.isPositive() &&
                      covariance.vectorD().minCoeff() > 0.0;
   return !known || step.dot(covariance.solve(step)) > kRestChiSquared;
+}
+
+/// As an empty cloud of a recording may be (messages/ranges.cpp): over no time at all, a motion has
+/// neither a rate nor a covariance.
+bool is_without_time(const MappingInput& input) {
+  return input.period_ns < kLeastPeriod_ns && input.edges.empty() && input.planes.empty();
 }
 
 plane_map::SweepInput sweep_of(const MappingInput& input) {
@@ -233,12 +241,14 @@ Degeneracy VoxelPlanesMethod::judged(const plane_map::Degeneracy& d,
 }
 
 Match VoxelPlanesMethod::match(const MappingInput& input, const Prediction& prediction) {
+  Match match;
+  match.T_map_base = prediction.T_map_base;
+  // The motion before it remains the one that predicts the next sweep.
+  if (is_without_time(input)) return match;
   const bool same = open_ && open_->sweep == input.sweep && open_->stamp_ns == input.stamp_ns;
   if (!same) begin(input, prediction);
   T_map_base_predicted_ = prediction.T_map_base;
   const auto result = registered(input, prediction);
-  Match match;
-  match.T_map_base = prediction.T_map_base;
   match.candidates = static_cast<std::uint32_t>(result.tried);
   if (result.outcome != plane_map::Outcome::kMatched) {
     tried_.push_back({placed_at(input, prediction.T_map_base), match.T_map_base});

@@ -7,6 +7,7 @@
 #include "common/geometry/deskew.hpp"
 #include "mapping/mapping.hpp"
 #include "mapping/test_room.hpp"
+#include "mapping/voxel_planes_method.hpp"
 
 namespace zloam::mapping {
 namespace {
@@ -376,6 +377,29 @@ TEST(VoxelPlanes, OddSweepsArePredictedAndNotInserted) {
   const auto result = mapper.process(input_of(sweep++, good, Pose::Identity(), still));
   EXPECT_EQ(result.health, Health::kOk);
   EXPECT_LT(result.T_map_base.translation().norm(), 0.02);
+}
+
+// An empty cloud in a recording: the next sweep is matched as after one that is missing.
+TEST(VoxelPlanes, AnEmptySweepWithoutAPeriodLeavesTheMotion) {
+  const test::Room room = test::furnished_room();
+  std::vector<Match> last(2);
+  for (const bool comes : {false, true}) {
+    const auto method = make_voxel_planes_method(MappingConfig{});
+    for (int i = 0; i < 8; ++i) {
+      const bool empty = i == 6;
+      if (empty && !comes) continue;
+      PointVector points;
+      if (!empty) points = swept(room, end_of(i), kMotion, kMotion, 0.01, 7U + i);
+      MappingInput input = input_of(static_cast<std::uint64_t>(i), points, end_of(i), kMotion);
+      if (empty) input.period_ns = 0;
+      const Match match = method->match(input, {end_of(i), 1e-4 * Matrix6::Identity()});
+      EXPECT_EQ(match.ok, i > 0 && !empty) << i;
+      if (!empty) method->insert(input, match);
+      last[comes ? 1U : 0U] = match;
+    }
+  }
+  EXPECT_EQ(last[0].T_map_base.matrix(), last[1].T_map_base.matrix());
+  EXPECT_EQ(last[0].covariance, last[1].covariance);
 }
 
 }  // namespace
