@@ -163,7 +163,7 @@ class Chain:
         """Starts a stage, or starts it again; `log`: name of its log file without .log."""
         path = self._logs / f"{log or stage}.log"
         if stage in self._standbys:
-            # Readers know second copies by instance and number, and numbers count from each start.
+            # Readers know second copies by instance, term and number; each start counts from 0.
             instance = f"{stage}-{time.time_ns() // 10**6}"
             command = self._command_as(self._standbys[stage], instance)
         else:
