@@ -116,8 +116,9 @@ void OdometryStage::restore(std::size_t count, const std::vector<CommittedSweep>
 // Mapping has received the last commit, but its pose, sent on another connection, may be lost with
 // the killed publisher. Receivers that have the pose drop the copy by its number.
 void OdometryStage::publish_again(std::uint64_t run, const std::vector<CommittedSweep>& sweeps) {
-  if (sweeps.size() < 2) return;
   const std::uint64_t last = sweeps.back().sweep;
+  // The first sweep of a frame needs none before it.
+  if (sweeps.size() < 2 && sweeps.back().prev_sweep != last) return;
   const auto kept = recall_features(stage_, runtime::sweeps_from(run, last, last));
   if (kept.empty()) return;
   restore(sweeps.size() - 1, sweeps);
