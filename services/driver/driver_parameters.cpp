@@ -1,7 +1,8 @@
 #include "driver/driver_parameters.hpp"
 
+#include <algorithm>
+#include <charconv>
 #include <cmath>
-#include <cstdlib>
 #include <functional>
 
 #include "driver/io/scip_link.hpp"
@@ -11,12 +12,25 @@ namespace {
 
 using runtime::Effect;
 
+// Slower or faster than this, a pace is a mistake: a sweep in three minutes, or ten thousand a
+// second.
+constexpr double kLeastRate = 1e-3;
+constexpr double kMostRate = 1e3;
+
+/// A decimal number and nothing else; the C library would also take blanks and hexadecimal digits.
+std::optional<double> decimal(const std::string& text) {
+  double value = 0.0;
+  const char* const end = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data(), end, value);
+  if (error != std::errc{} || rest != end || !std::isfinite(value)) return std::nullopt;
+  return value;
+}
+
 std::string rate_error(const std::string& rate) {
   if (rate == "max" || rate == "realtime") return {};
-  char* end = nullptr;
-  const double factor = std::strtod(rate.c_str(), &end);
-  const bool number = !rate.empty() && *end == '\0' && std::isfinite(factor) && factor > 0.0;
-  return number ? std::string() : "is none of max, realtime, or a factor above 0 such as 0.5";
+  const std::optional<double> factor = decimal(rate);
+  if (factor && *factor >= kLeastRate && *factor <= kMostRate) return {};
+  return "is none of max, realtime, or a factor of 0.001 to 1000 such as 0.5";
 }
 
 std::optional<ReturnMode> forced_mode(ReturnChoice choice) {
@@ -249,7 +263,7 @@ bool is_live(SourceKind source) {
 std::optional<double> rate_factor(const std::string& rate) {
   if (rate == "max") return std::nullopt;
   if (rate == "realtime") return 1.0;
-  return std::strtod(rate.c_str(), nullptr);
+  return decimal(rate);
 }
 
 void bind(runtime::Parameters& p, DriverConfig& c) {
@@ -283,21 +297,34 @@ void bind(runtime::Parameters& p, DriverConfig& c) {
           {"driver.min_range_m"});
 }
 
+namespace {
+
+/// Whether the sectors leave no direction: the gap behind each one's end lies in another one.
+bool hides_all(const std::vector<AzimuthSector>& sectors) {
+  return !sectors.empty() && std::all_of(sectors.begin(), sectors.end(), [&](const auto& sector) {
+    const double beyond_deg = std::fmod(std::nextafter(sector.to_deg, 1e3), 360.0);
+    return std::any_of(sectors.begin(), sectors.end(),
+                       [&](const auto& other) { return other.contains(beyond_deg); });
+  });
+}
+
+}  // namespace
+
 std::vector<AzimuthSector> azimuth_sectors(const std::vector<std::string>& texts) {
   if (texts.size() % 2 != 0) throw SourceError("has an odd number of values; pairs from, to");
   std::vector<double> values_deg;
   for (const std::string& text : texts) {
-    char* end = nullptr;
-    const double value_deg = std::strtod(text.c_str(), &end);
-    if (text.empty() || *end != '\0' || !(value_deg >= 0.0 && value_deg <= 360.0)) {
+    const std::optional<double> value_deg = decimal(text);
+    if (!value_deg || *value_deg < 0.0 || *value_deg > 360.0) {
       throw SourceError("\"" + text + "\" is no angle of 0 to 360 degrees");
     }
-    values_deg.push_back(value_deg);
+    values_deg.push_back(*value_deg);
   }
   std::vector<AzimuthSector> sectors;
   for (std::size_t i = 0; i < values_deg.size(); i += 2) {
     sectors.push_back({values_deg[i], values_deg[i + 1]});
   }
+  if (hides_all(sectors)) throw SourceError("hides every direction: no point would be left");
   return sectors;
 }
 

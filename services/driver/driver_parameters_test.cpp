@@ -59,5 +59,28 @@ TEST(DriverParameters, AddressesThatCantBeUsedAreNamedWithTheirKey) {
               HasSubstr("driver.multicast_group: \"192.168.1.201\" is no multicast group"));
 }
 
+TEST(DriverParameters, APaceIsADecimalNumber) {
+  for (const char* rate : {"max", "realtime", "0.5", "1e-1", "1000"}) {
+    EXPECT_EQ(refusal({std::string("driver.rate=") + rate}), "") << rate;
+  }
+  for (const char* rate : {"0x10", "' 2'", "'2 '", "0", "-1", "inf", "nan", "1e-300", "1e300"}) {
+    EXPECT_THAT(refusal({std::string("driver.rate=") + rate}),
+                HasSubstr("driver.rate: is none of max, realtime, or a factor"))
+        << rate;
+  }
+}
+
+TEST(DriverParameters, AMaskLeavesSomething) {
+  for (const char* mask : {"[]", "[350, 10]", "[0, 359.9]", "[10, 9]", "[0, 180, 181, 360]"}) {
+    EXPECT_EQ(refusal({std::string("driver.azimuth_mask_deg=") + mask}), "") << mask;
+  }
+  for (const char* mask : {"[0, 360]", "[0, 180, 180, 360]", "[350, 200, 150, 355]"}) {
+    EXPECT_THAT(refusal({std::string("driver.azimuth_mask_deg=") + mask}),
+                HasSubstr("driver.azimuth_mask_deg: hides every direction"))
+        << mask;
+  }
+  EXPECT_THAT(refusal({"driver.azimuth_mask_deg=[0x10, 20]"}), HasSubstr("is no angle"));
+}
+
 }  // namespace
 }  // namespace zloam::driver
