@@ -19,6 +19,7 @@ from zloam_monitor import (
     comparison,
     compose,
     discovery,
+    html_report,
     messages,
     pose_table,
     support,
@@ -110,23 +111,29 @@ def test_a_trajectory_becomes_a_table(tmp_path: Path) -> None:
     assert len((tmp_path / "a.kitti").read_text().splitlines()) == 3
 
 
+def pose_of_sweep(sweep: int, instant_ns: int, covariance: tuple[float, ...]) -> PoseRecord:
+    return PoseRecord(
+        run=1,
+        sweep=sweep,
+        instant_ns=instant_ns,
+        translation=np.zeros(3),
+        quaternion=np.array([0.0, 0.0, 0.0, 1.0]),
+        health=HEALTH.index("degenerate"),
+        last_packet_ns=0,
+        end_of_run=False,
+        trace=(),
+        covariance=covariance,
+    )
+
+
 def test_a_table_of_a_run_has_covariances_and_is_read_back(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The second of three poses is missing in the run's own table."""
     trajectory.write_tum(tmp_path / "a.tum", drive(3))
     poses = {
-        sweep: PoseRecord(
-            run=1,
-            sweep=sweep,
-            instant_ns=1_000_000_000_000_000_000 + sweep * 100_000_000,
-            translation=np.zeros(3),
-            quaternion=np.array([0.0, 0.0, 0.0, 1.0]),
-            health=HEALTH.index("degenerate"),
-            last_packet_ns=0,
-            end_of_run=False,
-            trace=(),
-            covariance=tuple(range(36)),
+        sweep: pose_of_sweep(
+            sweep, 1_000_000_000_000_000_000 + sweep * 100_000_000, tuple(range(36))
         )
         for sweep in (0, 2)
     }
@@ -144,6 +151,24 @@ def test_a_table_of_a_run_has_covariances_and_is_read_back(
     back, whole = trajectory.read(tmp_path / "a.csv"), trajectory.read(tmp_path / "a.tum")
     np.testing.assert_array_equal(back.stamps_ns, whole.stamps_ns)
     np.testing.assert_allclose(back.transforms, whole.transforms, atol=2e-9)
+
+
+def test_an_unknown_covariance_is_no_zero(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A-LOAM's poses have none, and a zero would say that they are exact."""
+    trajectory.write_tum(tmp_path / "a.tum", drive(3))
+    stamps = trajectory.read(tmp_path / "a.tum").stamps_ns
+    assert stamps is not None
+    poses = {n: pose_of_sweep(n, int(stamp), ()) for n, stamp in enumerate(stamps)}
+    pose_table.write(tmp_path / "poses.csv", poses)
+    said = np.genfromtxt(tmp_path / "poses.csv", delimiter=",", names=True)
+    assert np.isnan(said["c00"]).all()
+    assert np.isnan(said["c55"]).all()
+    assert cli.main(["trajectory", str(tmp_path / "a.tum"), str(tmp_path / "a.csv")]) == 0
+    assert "3 poses, 0 with covariances of" in capsys.readouterr().out
+    assert len(trajectory.read(tmp_path / "a.csv")) == 3
+    assert "have no covariance" in html_report.sigma_chart(tmp_path / "poses.csv")
 
 
 def test_a_table_without_times_is_no_trajectory(tmp_path: Path) -> None:

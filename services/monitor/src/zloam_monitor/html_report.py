@@ -57,7 +57,7 @@ def page(found: dict[str, Any], title: str, picture: Path, poses: Path) -> str:
         _table(*_head_and_rows(reports.stage_rows(found))),
         f"<p>{escape(reports.latency_line(found))}</p>",
         "<h2>Sigma of the position</h2>",
-        _sigma_chart(poses),
+        sigma_chart(poses),
         _listed("Said by the stages", found.get("remarks", [])),
         _listed("Changed while it ran", found.get("set_at", [])),
         _listed("Changes that the run ended before", found.get("set_too_late", [])),
@@ -119,7 +119,7 @@ def _listed(title: str, items: Sequence[str]) -> str:
     return f"<h2>{title}</h2><ul>" + "".join(f"<li>{escape(i)}</li>" for i in items) + "</ul>"
 
 
-def _sigma_chart(path: Path) -> str:
+def sigma_chart(path: Path) -> str:
     """Largest position sigma of the three axes for each pose; poses that are not ok in red."""
     if not path.is_file():
         return ""
@@ -127,9 +127,10 @@ def _sigma_chart(path: Path) -> str:
         rows = [
             (int(r["sweep"]), int(r["health"]), [float(r[f"c{i}{i}"]) for i in range(3)])
             for r in csv.DictReader(file)
+            if r["c00"]
         ]
     if len(rows) < 2:
-        return ""
+        return "" if rows else "<p>The poses have no covariance.</p>"
     sweeps = np.array([row[0] for row in rows])
     sigma_m = np.sqrt(np.maximum(np.array([max(row[2]) for row in rows]), 0.0))
     bad = np.array([row[1] != HEALTH.index("ok") for row in rows])

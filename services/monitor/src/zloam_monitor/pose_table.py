@@ -14,11 +14,13 @@ from zloam_monitor.files import written_whole
 from zloam_monitor.records import HEALTH, PoseRecord
 
 NAME = "poses.csv"
-#: Beside sweep and instant. c00 to c55: covariance, row-major; x, y, z (m), then rotation (rad).
+#: Beside sweep and instant. c00 to c55: covariance, row-major; x, y, z (m), then rotation (rad);
+#: empty where the pose has none.
 COLUMNS = (
     *("health", "degenerate", "weak_x", "weak_y", "weak_z"),
     *(f"c{i}{j}" for i in range(6) for j in range(6)),
 )
+CELLS = 36
 
 
 #: The cells of COLUMNS, by the instants of the poses in ns.
@@ -31,10 +33,12 @@ def write(path: Path, poses: Mapping[int, PoseRecord]) -> None:
         out.write(",".join(["sweep", "instant_ns", *COLUMNS]) + "\n")
         for sweep in sorted(poses):
             pose = poses[sweep]
-            covariance = pose.covariance if len(pose.covariance) == 36 else (0.0,) * 36
             said = (sweep, pose.instant_ns, pose.health, int(pose.degenerate))
-            numbers = [f"{v:.9g}" for v in (*pose.weak_translation, *covariance)]
-            out.write(",".join([*map(str, said), *numbers]) + "\n")
+            weak = [f"{v:.9g}" for v in pose.weak_translation]
+            # Zeros would say that the pose is exact.
+            known = len(pose.covariance) == CELLS
+            covariance = [f"{v:.9g}" for v in pose.covariance] if known else [""] * CELLS
+            out.write(",".join([*map(str, said), *weak, *covariance]) + "\n")
 
 
 def read(path: Path) -> PoseTable:
@@ -64,5 +68,6 @@ def extent(
     """How many of the poses the table has, in words."""
     if known is None:
         return f"without covariances (no {NAME} beside {trajectory_file.name})"
-    found = 0 if stamps_ns is None else sum(int(stamp) in known for stamp in stamps_ns)
+    stamps = [] if stamps_ns is None else [int(stamp) for stamp in stamps_ns]
+    found = sum(bool(known[stamp][-1]) for stamp in stamps if stamp in known)
     return f"{found} with covariances of {trajectory_file.parent / NAME}"
