@@ -138,15 +138,16 @@ class KittiFolder : public ScanFolder {
     if (index_ == list_.files.size()) return false;
     const std::string& file = list_.files[index_];
     xyzi_.clear();
-    const bool cut = !file.empty() && damage_.cut(file, read_whole(file, xyzi_), kPointBytes);
+    bool whole = !file.empty() && !damage_.cut(file, read_whole(file, xyzi_), kPointBytes);
     xyzi_.resize(xyzi_.size() / 4 * 4);
     KittiDiagnostics diagnostics;
     sweep = kitti_sweep(xyzi_, timing_, times_ns_[index_], &diagnostics);
     if (diagnostics.rings_found > kMostRings) {
       damage_.spoilt(file, std::to_string(diagnostics.rings_found) + " rings");
       sweep = kitti_sweep({}, timing_, times_ns_[index_]);
+      whole = false;
     }
-    sweep.complete = sweep.complete && !cut;
+    sweep.complete = sweep.complete && whole;
     zero_range_ += diagnostics.dropped_zero_range;
     not_finite_ += diagnostics.dropped_not_finite;
     if (diagnostics.rings_found > 64) ++odd_rings_;
@@ -236,6 +237,7 @@ class SynthFolder : public ScanFolder {
       if (!judged_) throw SourceError(list_.files[index_] + ": " + why);
       damage_.spoilt(list_.files[index_], why);
       sweep = *synth_sweep({}, begins_ns_[index_], ends_ns_[index_]);
+      sweep.complete = false;
     }
     judged_ = judged_ || sweep.points.size() >= kJudgedReturns;
     ++index_;
@@ -268,10 +270,11 @@ class SynthFolder : public ScanFolder {
   DecodedSweep scan(std::size_t index) {
     const std::string& file = list_.files[index];
     records_.clear();
-    const bool cut = !file.empty() && damage_.cut(file, read_whole(file, records_), kRecordBytes);
+    const bool whole =
+        !file.empty() && !damage_.cut(file, read_whole(file, records_), kRecordBytes);
     records_.resize(records_.size() / kRecordBytes * kRecordBytes);
     DecodedSweep sweep = *synth_sweep(records_, begins_ns_[index], ends_ns_[index]);
-    sweep.complete = sweep.complete && !cut;
+    sweep.complete = sweep.complete && whole;
     return sweep;
   }
 

@@ -241,6 +241,13 @@ TEST_F(ScanNames, OfADamagedScanWhatIsWholeIsUsed) {
   EXPECT_THAT(remarks_, HasSubstr("2.bin: is empty"));
 }
 
+TEST_F(ScanNames, AMissingScanIsNotComplete) {
+  scans({"0.bin", "1.bin", "3.bin"});
+  const Seen got = seen();
+  EXPECT_THAT(got.distances_m, ElementsAre(10, 11, 0, 12));
+  EXPECT_THAT(got.complete, ElementsAre(true, true, false, true));
+}
+
 TEST_F(ScanNames, TenDamagedScansAreNamedAndMoreAreSummedUp) {
   std::vector<std::string> names{"00.bin"};
   for (int i = 1; i <= 11; ++i) names.push_back((i < 10 ? "0" : "") + std::to_string(i) + ".bin");
