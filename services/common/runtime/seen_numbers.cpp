@@ -83,11 +83,11 @@ std::int64_t SeenNumbers::late_ns() const {
 }
 
 std::optional<SeenNumbers::Request> SeenNumbers::request(std::int64_t now_ns) {
-  while (!replay_ && gap_ && now_ns - gap_->since_ns >= late_ns()) {
+  while (gives_up() && gap_ && now_ns - gap_->since_ns >= late_ns()) {
     give_up(publishers_[gap_->instance]);
     note_gap(now_ns);
   }
-  if (!gap_ || now_ns < gap_->ask_at_ns) return std::nullopt;
+  if (!limits_.by_number || !gap_ || now_ns < gap_->ask_at_ns) return std::nullopt;
   gap_->wait_ns = std::min(gap_->wait_ns * 2, kMaxWait_ns);
   gap_->ask_at_ns = now_ns + gap_->wait_ns;
   return Request{gap_->first, gap_->last};
@@ -95,11 +95,15 @@ std::optional<SeenNumbers::Request> SeenNumbers::request(std::int64_t now_ns) {
 
 std::optional<std::int64_t> SeenNumbers::deadline() const {
   if (!gap_) return std::nullopt;
-  return replay_ ? gap_->ask_at_ns : std::min(gap_->ask_at_ns, gap_->since_ns + late_ns());
+  const std::int64_t late_at_ns = gap_->since_ns + late_ns();
+  if (!limits_.by_number) return late_at_ns;
+  return replay_ ? gap_->ask_at_ns : std::min(gap_->ask_at_ns, late_at_ns);
 }
 
 std::optional<std::uint64_t> SeenNumbers::overdue(std::int64_t now_ns) const {
-  if (!replay_ || !gap_ || now_ns - gap_->since_ns < limits_.replay_limit_ns) return std::nullopt;
+  if (gives_up() || !gap_ || now_ns - gap_->since_ns < limits_.replay_limit_ns) {
+    return std::nullopt;
+  }
   return gap_->first;
 }
 

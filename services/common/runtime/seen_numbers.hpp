@@ -32,8 +32,8 @@ class SeenNumbers {
   struct Request {
     std::uint64_t first, last;
   };
-  /// The next request; doubles its waiting time with each call that returns something. Live,
-  /// numbers missing for too long are given up here.
+  /// The next request; doubles its waiting time with each call that returns something. Live, and of
+  /// a key without answers by number, numbers missing for too long are given up here.
   std::optional<Request> request(std::int64_t now_ns);
 
   /// Numbers that were given up.
@@ -66,6 +66,7 @@ class SeenNumbers {
   void give_up(Publisher& publisher);
   void note_gap(std::int64_t now_ns);
   std::int64_t late_ns() const;
+  bool gives_up() const { return !replay_ || !limits_.by_number; }
 
   static constexpr std::size_t kMemory = 4096;
   static constexpr std::size_t kMostPublishers = 16;

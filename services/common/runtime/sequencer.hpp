@@ -25,6 +25,8 @@ struct SequencerLimits {
   SweepSet sweeps = SweepSet::kEvery;
   /// the answer of one publisher says nothing about the sweeps that the others hold
   bool replicas = false;
+  /// false: no publisher answers requests by number; what is missing is given up, in a replay too
+  bool by_number = true;
   std::int64_t gap_live_ns = 30'000'000;
   std::int64_t gap_replay_ns = 200'000'000;
   /// 0: one measured sweep period

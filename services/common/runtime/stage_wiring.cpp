@@ -96,6 +96,7 @@ Inlet& StageCore::add_inlet(Key key, const std::string& full_key, const InletOpt
   s.key = full_key;
   s.options = options;
   s.limits = limits_of(setup_.shared.recovery, options);
+  s.limits.by_number = key_row(key).numbering != Numbering::kNone;
   s.queue_bytes = static_cast<std::size_t>(setup_.shared.recovery.queue_mib) << 20;
   s.max_bytes = key_row(key).max_bytes;
   s.verify = verify;

@@ -3,16 +3,23 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <chrono>
 #include <set>
+#include <thread>
 
 #include "common/runtime/tests/support.hpp"
 
 namespace zloam::runtime {
 namespace {
 
+using test::kKeys;
+using test::kPatience;
 using test::Network;
 using test::RunningStage;
 using test::setup;
+using test::sweep_header;
+using test::wait_for_reader;
 using test::Watched;
 
 constexpr std::uint64_t kSweeps = 60;
@@ -221,6 +228,37 @@ TEST(Recovery, KeysWithoutSweepsAreAskedForBySeq) {
   EXPECT_EQ(a.processed, kMessages);
   EXPECT_EQ(a.recovered, kMessages / 3);
   EXPECT_EQ(a.lost, 0U);
+}
+
+// A get of map/tile/** is answered with the whole map, whatever numbers it names.
+TEST(Recovery, TilesAreNotAskedForByNumber) {
+  const Network network(2);
+  InletOptions as_they_come;
+  as_they_come.order = Order::kAsTheyCome;
+  RunningStage reader(network.open(0), setup("store", "s"), [&](Stage& stage) {
+    stage.inlet_at<msg::MapTile>(Key::kMapTile, stage.keys().all_tiles(), as_they_come,
+                                 [](const Received<msg::MapTile>&) {});
+  });
+  zenoh::Session mapping = network.open(1);
+  std::atomic<int> asked{0};
+  const zenoh::Queryable tiles = mapping.declare_queryable(
+      kKeys.all_tiles(), [&asked](zenoh::Query&&) { ++asked; }, false);
+  zenoh::PublisherOptions options;
+  options.encoding = encoding_of(Key::kMapTile);
+  zenoh::Publisher out = mapping.declare_publisher(kKeys.tile("plane", 0, 0, 0), options);
+  wait_for_reader(out);
+  for (const std::uint64_t seq : {0U, 3U}) {
+    HeaderFields h = sweep_header(1, 0, true);
+    h.seq = seq;
+    out.put(zenoh::Bytes::own(build(h, MapTileFields{.layer = "plane", .edge_m = 1.0})));
+  }
+  const auto until = std::chrono::steady_clock::now() + kPatience;
+  while (reader->accounts().at(0).lost == 0 && std::chrono::steady_clock::now() < until) {
+    std::this_thread::yield();
+  }
+  EXPECT_EQ(reader->accounts().at(0).processed, 2U);
+  EXPECT_EQ(reader->accounts().at(0).lost, 2U);
+  EXPECT_EQ(asked.load(), 0);
 }
 
 TEST(Recovery, TheLastSweepDroppedIsPublishedAgain) {

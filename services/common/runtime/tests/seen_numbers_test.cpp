@@ -94,5 +94,21 @@ TEST(SeenNumbers, ReplayNeverGivesUpAndNamesWhatIsOverdue) {
   EXPECT_EQ(seen.lost(), 0U);
 }
 
+// Map tiles: nobody keeps them by number, and whoever wants them all asks for the map.
+TEST(SeenNumbers, WhatNobodyAnswersByNumberIsGivenUpInAReplayToo) {
+  for (const bool replay : {true, false}) {
+    SeenNumbers seen({.by_number = false, .late_ns = 100 * kMs});
+    EXPECT_EQ(seen.add("a", 0, replay, 0), std::nullopt);
+    EXPECT_EQ(seen.add("a", 3, replay, 0), std::nullopt);
+    EXPECT_EQ(seen.deadline(), 100 * kMs);
+    EXPECT_FALSE(seen.request(99 * kMs));
+    EXPECT_EQ(seen.lost(), 0U);
+    EXPECT_FALSE(seen.request(100 * kMs));
+    EXPECT_EQ(seen.lost(), 2U);
+    EXPECT_FALSE(seen.overdue(1'000'000 * kMs));
+    EXPECT_EQ(seen.add("a", 4, replay, 101 * kMs), std::nullopt);
+  }
+}
+
 }  // namespace
 }  // namespace zloam::runtime
