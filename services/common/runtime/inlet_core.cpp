@@ -41,8 +41,15 @@ Account InletCore::account() const {
 }
 
 void InletCore::continue_at(std::uint64_t run, std::uint64_t sweep) {
-  sequencer_.continue_at(run, sweep);
+  const std::vector<Message> left = sequencer_.continue_at(run, sweep);
   goes_on_ = true;
+  const std::lock_guard lock(shared_->mutex);
+  for (const Message& message : left) {
+    --account_.queued;
+    // The stage has handled other copies of these sweeps, or another instance has.
+    const bool is_of_run = message.header->run() == run;
+    ++(is_of_run ? account_.not_mine : account_.dropped[static_cast<std::size_t>(Drop::kWrongRun)]);
+  }
 }
 
 void InletCore::on_sample(zenoh::Sample sample, bool recovered) {

@@ -308,16 +308,23 @@ bool Sequencer::takes_back(Message& message, std::int64_t now_ns) {
   return true;
 }
 
-void Sequencer::continue_at(std::uint64_t run, std::uint64_t sweep) {
+std::vector<Message> Sequencer::continue_at(std::uint64_t run, std::uint64_t sweep) {
   running_ = true;
   continued_ = true;
   if (run != run_) replay_known_ = false;
   run_ = run;
   joining_ = false;
   next_ = sweep;
-  held_.erase(held_.begin(), held_.lower_bound(sweep));
+  std::vector<Message> left;
+  std::erase_if(held_, [&](const auto& entry) {
+    const msg::Header& header = *entry.second.header;
+    const bool stays = header.run() == run && header.sweep() >= sweep;
+    if (!stays) left.push_back(entry.second);
+    return !stays;
+  });
   gap_since_.reset();
   silent_since_.reset();
+  return left;
 }
 
 }  // namespace zloam::runtime

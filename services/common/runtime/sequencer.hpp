@@ -72,8 +72,9 @@ class Sequencer {
   /// Removes waiting messages that are not to be handled: their sweeps are missing again.
   void remove_if(const std::function<bool(const Message&)>& unfit, std::int64_t now_ns);
 
-  /// Treats lower sweeps as handled.
-  void continue_at(std::uint64_t run, std::uint64_t sweep);
+  /// Treats lower sweeps as handled. Returns the waiting messages that will not be handed out: of
+  /// lower sweeps, and of the run that was ordered before.
+  std::vector<Message> continue_at(std::uint64_t run, std::uint64_t sweep);
   /// Live: this many more may wait than `newest`. They arrived while their reader was restoring its
   /// state, not because it is too slow. The room shrinks as they are handed out.
   void make_room(std::size_t waiting) { room_ = held_.size() + waiting; }

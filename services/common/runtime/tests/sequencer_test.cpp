@@ -284,5 +284,21 @@ TEST(Sequencer, ContinuesWhereARestoredStageStands) {
   EXPECT_EQ(b.out(), Sweeps{10});
 }
 
+TEST(Sequencer, NamesTheWaitingMessagesThatAContinuationLeavesOut) {
+  Bench b({}, true);
+  for (const std::uint64_t sweep : {2U, 3U, 5U}) b.add(sweep);
+  const auto below = b.sequencer.continue_at(1, 4);
+  ASSERT_EQ(below.size(), 2U);
+  EXPECT_EQ(below[0].header->sweep(), 2U);
+  EXPECT_EQ(below[1].header->sweep(), 3U);
+  EXPECT_EQ(b.sequencer.held(), 1U);
+  // Sweep 5 of the run before must not pass for that of the next.
+  const auto before = b.sequencer.continue_at(2, 4);
+  ASSERT_EQ(before.size(), 1U);
+  EXPECT_EQ(before[0].header->run(), 1U);
+  for (const std::uint64_t sweep : {5U, 4U}) EXPECT_EQ(b.add(sweep, 2), std::nullopt);
+  EXPECT_EQ(b.out(), (Sweeps{4, 5}));
+}
+
 }  // namespace
 }  // namespace zloam::runtime

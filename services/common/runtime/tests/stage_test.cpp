@@ -142,6 +142,36 @@ TEST(Stage, LiveQueueDropsTheOldestAndTellsWhich) {
   EXPECT_EQ(told, dropped(a, Drop::kQueueFull));
 }
 
+// As odometry after a standstill, which gets what it missed from the stage before it.
+TEST(Stage, WaitingSweepsThatItsHandlerHasFromElsewhereAreSettled) {
+  const Network network(2);
+  StageSetup s = setup("registration");
+  s.shared.recovery.queue_sweeps = 16;
+  s.shared.recovery.late_ms = 60'000;
+  Watched<std::vector<std::uint64_t>> seen;
+  Inlet* inlet = nullptr;
+  RunningStage reader(network.open(0), std::move(s), [&](Stage& stage) {
+    inlet = &stage.inlet<msg::Sweep>(Key::kSweep, {}, [&](const Received<msg::Sweep>& sweep) {
+      if (sweep.sweep() == 1) inlet->continue_at(1, 4);
+      seen.change([&](auto& sweeps) { sweeps.push_back(sweep.sweep()); });
+    });
+  });
+  zenoh::Session source = network.open(1);
+  zenoh::Publisher out = source.declare_publisher(kKeys.of(Key::kSweep), sweep_options());
+  wait_for_reader(out);
+  // 2 and 3 arrive before 1, so that they wait when it is handled.
+  for (const std::uint64_t sweep : {0U, 2U, 3U, 1U, 4U}) {
+    out.put(sweep_bytes(sweep_header(1, sweep, false)));
+  }
+  ASSERT_TRUE(seen.wait([](const auto& sweeps) { return sweeps.size() == 3; }));
+  EXPECT_THAT(seen.get(), testing::ElementsAre(0U, 1U, 4U));
+  reader.stop();
+  const Account a = reader->accounts().at(0);
+  EXPECT_TRUE(a.balanced());
+  EXPECT_EQ(a.queued, 0U);
+  EXPECT_EQ(a.not_mine, 2U);
+}
+
 TEST(Stage, LiveGapIsGivenUpAndALateArrivalIsLate) {
   const Network network(2);
   Reader reader(network.open(0), setup("registration"));
