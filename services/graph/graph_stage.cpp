@@ -33,6 +33,7 @@ GraphStage::GraphStage(runtime::Stage& stage, const GraphConfig& config)
       files_(config.output_dir, ".zloam-graph-runs") {
   runtime::InletOptions options;
   options.sweeps = runtime::SweepSet::kPublisherDecides;
+  options.sparse = true;
   options.lossless = true;
   options.ends_run = false;
   stage.inlet<msg::Submap>(Key::kSubmap, options, [this](const SubmapMessage& m) { take(m); });

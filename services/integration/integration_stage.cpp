@@ -65,6 +65,8 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
       Key::kOdometry, odometry, [this](const OdometryMessage& message) { return take(message); });
   runtime::InletOptions corrections;
   corrections.sweeps = runtime::SweepSet::kPublisherDecides;
+  // mapping.every
+  corrections.sparse = true;
   corrections.lossless = true;
   corrections.keep = odometry.keep;
   corrections.ends_run = false;

@@ -37,6 +37,10 @@ struct Message;
 struct InletOptions {
   Order order = Order::kBySweep;
   SweepSet sweeps = SweepSet::kEvery;
+  /// kPublisherDecides: also in a replay there are sweeps without a message. Of those between the
+  /// last message of a publisher that is gone and the first one of its successor, nobody can tell
+  /// that there was none: they are requested some times, and then count as left out.
+  bool sparse = false;
   /// kEvery: several replicas publish the sweeps, and none knows which sweeps the others still hold
   bool replicas = false;
   /// messages belong to no run, whatever their header says: they come from another sensor's process

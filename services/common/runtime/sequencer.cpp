@@ -18,6 +18,8 @@ constexpr int kEnoughFar = 3;
 // Requests for the start of a replay that brought no message (from replicas, which hold only their
 // own sweeps: any requests) before the replay is joined where it stands.
 constexpr int kJoinAttempts = 5;
+// Requests for what a publisher may have sent before its successor (InletOptions::sparse).
+constexpr int kSuccessorAttempts = 3;
 // A live run that begins with a number above this was joined in the middle. Below it the first
 // messages were lost on a link that had just come up, and their publisher still has them.
 constexpr std::uint64_t kMissedAtStart = 3;
@@ -247,9 +249,15 @@ std::optional<Sequencer::Request> Sequencer::request(std::int64_t now_ns, bool g
 }
 
 void Sequencer::answered(const Request& request, std::size_t messages) {
-  if (!joining_ || request.run != run_ || held_.empty()) return;
-  if ((messages == 0 || limits_.replicas) && asked_ < kJoinAttempts) return;
-  begin_where_it_stands();
+  if (request.run != run_ || held_.empty()) return;
+  const bool joins = joining_ && ((messages > 0 && !limits_.replicas) || asked_ >= kJoinAttempts);
+  const bool leaves_out =
+      !joining_ && request.first == next_ && asked_ >= kSuccessorAttempts && is_of_successor();
+  if (joins || leaves_out) begin_where_it_stands();
+}
+
+bool Sequencer::is_of_successor() const {
+  return replay_ && limits_.sparse && gap() && held_.begin()->second.header->seq() == 0;
 }
 
 // The publisher has sent what it still holds: lower sweeps were finished by an earlier instance, or

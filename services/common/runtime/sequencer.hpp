@@ -25,6 +25,8 @@ struct SequencerLimits {
   SweepSet sweeps = SweepSet::kEvery;
   /// the answer of one publisher says nothing about the sweeps that the others hold
   bool replicas = false;
+  /// InletOptions::sparse
+  bool sparse = false;
   /// false: no publisher answers requests by number; what is missing is given up, in a replay too
   bool by_number = true;
   std::int64_t gap_live_ns = 30'000'000;
@@ -104,6 +106,8 @@ class Sequencer {
   std::optional<Request> request_in_silence(std::int64_t now_ns);
   void give_up_gap();
   void begin_where_it_stands();
+  /// Replay: the next message is the first one of another publisher, which may leave sweeps out.
+  bool is_of_successor() const;
   void give_up_sweep(std::uint64_t sweep, std::optional<Drop> drop);
   void enforce_bound();
   void switch_run(std::int64_t now_ns);

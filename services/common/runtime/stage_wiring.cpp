@@ -15,6 +15,7 @@ SequencerLimits limits_of(const RecoveryConfig& c, const InletOptions& options) 
   SequencerLimits l;
   l.sweeps = options.sweeps;
   l.replicas = options.replicas;
+  l.sparse = options.sparse;
   l.gap_live_ns = c.gap_live_ms * kMs;
   l.gap_replay_ns = c.gap_replay_ms * kMs;
   l.late_ns = c.late_ms * kMs;

@@ -276,6 +276,45 @@ TEST(Sequencer, PublisherMayLeaveSweepsOut) {
   EXPECT_FALSE(s.next(0));
 }
 
+/// Adds a replay's message, and returns after how many requests without an answer it is handed out;
+/// 0: not after ten.
+int requests_until_out(Sequencer& s, const test::Spec& spec) {
+  std::int64_t now = 0;
+  s.add(message(spec), now);
+  for (int requests = 0; requests <= 10; ++requests) {
+    if (s.next(now)) return requests;
+    now += 10'000 * kMs;
+    const auto request = s.request(now);
+    if (!request) return 0;
+    s.answered(*request, 0);
+  }
+  return 0;
+}
+
+// Mapping is killed in a replay: its submaps end at sweep 5, its successor's begin at 20.
+TEST(Sequencer, ReplayGoesOnWithTheFirstMessageOfASuccessorThatLeavesSweepsOut) {
+  const test::Spec last{.sweep = 5, .seq = 1, .replay = true};
+  for (const char* name : {"a", "b"}) {
+    for (const bool sparse : {true, false}) {
+      Sequencer s({.sweeps = SweepSet::kPublisherDecides, .sparse = sparse});
+      s.add(message({.sweep = 0, .replay = true}), 0);
+      s.add(message(last), 0);
+      EXPECT_EQ(s.next(0)->header->sweep(), 0U);
+      EXPECT_EQ(s.next(0)->header->sweep(), 5U);
+      const test::Spec next{.sweep = 20, .seq = 0, .replay = true, .instance = name};
+      EXPECT_EQ(requests_until_out(s, next), sparse ? 3 : 0);
+      EXPECT_TRUE(s.given_up().empty());
+    }
+  }
+}
+
+TEST(Sequencer, ReplayWaitsForWhatASuccessorSentBefore) {
+  Sequencer s({.sweeps = SweepSet::kPublisherDecides, .sparse = true});
+  s.add(message({.sweep = 0, .replay = true}), 0);
+  EXPECT_TRUE(s.next(0));
+  EXPECT_EQ(requests_until_out(s, {.sweep = 20, .seq = 1, .replay = true, .instance = "b"}), 0);
+}
+
 TEST(Sequencer, ContinuesWhereARestoredStageStands) {
   Bench b({}, true);
   b.sequencer.continue_at(1, 10);
