@@ -59,6 +59,7 @@ void Sequencer::begin_run(const Message& first, std::int64_t now_ns) {
   note_source(false, now_ns);
   period_.begin_run();
   credit_.begin(now_ns);
+  may_leap_ = limits_.sparse;
   accepted_ns_ = now_ns;
   far_count_ = 0;
 }
@@ -86,10 +87,24 @@ std::optional<Drop> Sequencer::add_to_run(Message message, std::int64_t now_ns) 
 bool Sequencer::in_reach(const Message& message, std::int64_t now_ns) {
   const std::uint64_t sweep = message.header->sweep();
   const std::uint64_t below = held_.empty() ? next_ : held_.rbegin()->first + 1;
-  if (!replay_) return sweep < below || credit_.spend(sweep - below, period_.ns(), now_ns);
+  if (!replay_) return sweep < below || in_reach_live(sweep - below, now_ns);
   if (!joining_) return sweep - next_ <= kMostAhead;
   // While joining, the first messages show where the run stands.
   return held_.empty() || sweep <= held_.begin()->first + kMostAhead;
+}
+
+/// Before the period is measured, the sensor may be of any pace: a sparse input would otherwise
+/// refuse the second message of a fast one, and with it all others. Once in a run, so that nobody
+/// gets ahead with stamps of which no period can be measured.
+bool Sequencer::in_reach_live(std::uint64_t beyond, std::int64_t now_ns) {
+  if (beyond == 0 || !may_leap_ || period_.is_measured()) {
+    return credit_.spend(beyond, period_.ns(), now_ns);
+  }
+  NumberCredit fastest = credit_;
+  if (!fastest.spend(beyond, SweepPeriod::kFastest_ns, now_ns)) return false;
+  may_leap_ = false;
+  credit_.begin(now_ns);
+  return true;
 }
 
 /// After a silence, far numbers that arrive in order are accepted: the machine was suspended, or

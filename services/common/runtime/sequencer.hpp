@@ -95,6 +95,7 @@ class Sequencer {
   void begin_run(const Message& first, std::int64_t now_ns);
   bool is_of_this_run(const Message& message) const;
   bool in_reach(const Message& message, std::int64_t now_ns);
+  bool in_reach_live(std::uint64_t beyond, std::int64_t now_ns);
   bool takes_up_far_numbers(const Message& message, std::int64_t now_ns);
   std::optional<Drop> add_to_run(Message message, std::int64_t now_ns);
   bool ready() const;
@@ -150,6 +151,8 @@ class Sequencer {
   std::int64_t caught_up_ns_ = 0;
   SweepPeriod period_;
   NumberCredit credit_;
+  /// sparse: no number was skipped in this run before the period was measured
+  bool may_leap_ = false;
   std::int64_t accepted_ns_ = 0;
   /// numbers refused as too far ahead, in order among themselves: the next of them, and their count
   std::uint64_t far_next_ = 0;

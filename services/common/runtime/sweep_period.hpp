@@ -1,6 +1,6 @@
 #pragma once
-// The time from sweep to sweep by their stamps: the median of the last few, so that a single
-// message, from any sender, does not change it.
+// The time from sweep to sweep by their stamps, also where messages of some sweeps only come: the
+// median of the last few, so that a single message, from any sender, does not change it.
 
 #include <algorithm>
 #include <array>
@@ -13,13 +13,21 @@ namespace zloam::runtime {
 
 class SweepPeriod {
  public:
-  void begin_run() { last_.reset(); }
+  /// Of any sensor.
+  static constexpr std::int64_t kFastest_ns = 10'000'000;
+
+  /// The period before counts until the run's own is measured.
+  void begin_run() {
+    last_.reset();
+    count_ = 0;
+  }
   void add(std::uint64_t sweep, std::int64_t stamp_ns) {
-    const std::int64_t before_ns = last_ ? last_->second : 0;
-    const bool next = last_ && sweep == last_->first + 1;
+    const auto before = last_.value_or(std::pair(sweep, stamp_ns));
     last_ = {sweep, stamp_ns};
-    std::int64_t period_ns = 0;
-    if (!next || __builtin_sub_overflow(stamp_ns, before_ns, &period_ns)) return;
+    std::int64_t since_ns = 0;
+    if (sweep <= before.first || sweep - before.first > kMostNumbers) return;
+    if (__builtin_sub_overflow(stamp_ns, before.second, &since_ns)) return;
+    const std::int64_t period_ns = since_ns / static_cast<std::int64_t>(sweep - before.first);
     if (period_ns <= kShortest_ns || period_ns >= kLongest_ns) return;
     measured_[count_++ % measured_.size()] = period_ns;
     auto sorted = measured_;
@@ -29,8 +37,11 @@ class SweepPeriod {
     period_ns_ = *middle;
   }
   std::int64_t ns() const { return period_ns_; }
+  /// In this run.
+  bool is_measured() const { return count_ > 0; }
 
  private:
+  static constexpr std::uint64_t kMostNumbers = 1'000'000;
   static constexpr std::int64_t kShortest_ns = 1'000'000, kLongest_ns = 10'000'000'000;
   std::optional<std::pair<std::uint64_t, std::int64_t>> last_;
   std::array<std::int64_t, 9> measured_{};

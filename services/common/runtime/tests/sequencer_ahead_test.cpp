@@ -67,6 +67,18 @@ TEST(Sequencer, AFloodOfNumbersTakesNoMoreThanAHandful) {
   drive(b, frontier, 20);
 }
 
+TEST(Sequencer, NeitherDoesAFloodAtTheStartOfWhichNoPeriodCanBeMeasured) {
+  Sequencer s({.sparse = true});
+  std::int64_t now = 1'000 * kMs;
+  std::uint64_t frontier = 0;
+  for (int i = 0; i < 100; ++i) {
+    if (!s.add(test::message({.sweep = frontier + 5, .period_ns = 0}), now)) frontier += 6;
+    s.next(now);
+    now += kMs;
+  }
+  EXPECT_LE(frontier, 40U);
+}
+
 // A source may publish faster than its stamps say, as a test or a recording does.
 TEST(Sequencer, TheNextNumberIsNeverTooSoon) {
   Bench b;
@@ -104,6 +116,27 @@ TEST(Sequencer, ABurstAfterAStallMayHaveAHoleAtItsEnd) {
     b.now += 100 * kMs;
     b.out();
     drive(b, next, 20);
+  }
+}
+
+// Submaps come every few seconds, of a sensor that is faster than the period that is assumed before
+// it is measured.
+TEST(Sequencer, AFastSensorsMessagesOfSomeSweepsOnlyAreInReach) {
+  for (const std::uint64_t hertz : {10U, 20U, 50U}) {
+    Sequencer s({.sweeps = SweepSet::kPublisherDecides, .sparse = true});
+    std::int64_t now = 1'000 * kMs;
+    const std::int64_t period_ns = 1'000 * kMs / static_cast<std::int64_t>(hertz);
+    const auto add = [&](std::uint64_t sweep, std::uint64_t seq) {
+      return s.add(test::message({.sweep = sweep, .seq = seq, .period_ns = period_ns}), now);
+    };
+    std::uint64_t sweep = 5;
+    for (std::uint64_t seq = 0; seq < 20; ++seq) {
+      EXPECT_EQ(add(sweep, seq), std::nullopt) << sweep << " at " << hertz << " Hz";
+      EXPECT_TRUE(s.next(now));
+      sweep += 3 * hertz;
+      now += 3'000 * kMs;
+    }
+    EXPECT_EQ(add(sweep + 1'000, 20), Drop::kInvalid);
   }
 }
 
