@@ -36,7 +36,9 @@ GraphStage::GraphStage(runtime::Stage& stage, const GraphConfig& config)
   options.sparse = true;
   options.lossless = true;
   options.ends_run = false;
-  stage.inlet<msg::Submap>(Key::kSubmap, options, [this](const SubmapMessage& m) { take(m); });
+  runtime::InletOptions submaps = options;
+  submaps.regular = false;
+  stage.inlet<msg::Submap>(Key::kSubmap, submaps, [this](const SubmapMessage& m) { take(m); });
   stage.inlet<msg::MapPose>(Key::kMapOdometry, options, [this](const PoseMessage& m) { take(m); });
   stage.answer(stage.keys().of(Key::kPathWorld), [this](runtime::Answer& a) { answer_path(a); });
   stage.answer(stage.keys().of(Key::kGraphLoop), [this](runtime::Answer& a) { answer_loops(a); });

@@ -43,6 +43,9 @@ struct InletOptions {
   bool sparse = false;
   /// kEvery: several replicas publish the sweeps, and none knows which sweeps the others still hold
   bool replicas = false;
+  /// live, messages keep coming: a silence is a fault. False: they follow the robot's travel, and end
+  /// while it stands.
+  bool regular = true;
   /// messages belong to no run, whatever their header says: they come from another sensor's process
   bool outside_runs = false;
   /// the last sweep of the run, once handled, ends the run for this stage

@@ -69,6 +69,8 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   bool of_each_sweep() const {
     return setup_.options.order == Order::kBySweep && !setup_.options.outside_runs;
   }
+  /// In a live run that goes on, its silence is a fault.
+  bool is_regular() const { return of_each_sweep() && setup_.options.regular; }
   /// Readings: small, and many per sweep.
   bool is_of_no_sweep() const { return setup_.options.order == Order::kAsTheyCome; }
   void continue_at(std::uint64_t run, std::uint64_t sweep) override;

@@ -257,7 +257,7 @@ void StageCore::watch_inputs() {
     const std::lock_guard lock(bell_->mutex);
     for (const auto& inlet : inlets_) {
       inputs.push_back({inlet->account_locked(), inlet->unasked_locked(),
-                        inlet->has_unread_locked(), paced && inlet->of_each_sweep()});
+                        inlet->has_unread_locked(), paced && inlet->is_regular()});
     }
   }
   const auto found = input_watch_.look(inputs, steady_ns());

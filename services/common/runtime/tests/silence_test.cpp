@@ -13,10 +13,13 @@
 namespace zloam::runtime {
 namespace {
 
+using test::kKeys;
+using test::kPatience;
 using test::Network;
 using test::RunningStage;
 using test::setup;
 using test::sweep_header;
+using test::wait_for_reader;
 using test::Watched;
 
 /// One input; messages are sent to it, or arrive as answers.
@@ -166,6 +169,39 @@ TEST(Silence, AStageThatNothingIsSentToWorksByNumber) {
     for (std::uint64_t i = 0; i < list.size(); ++i) EXPECT_EQ(list[i], i);
   });
   EXPECT_EQ(reader->accounts().at(0).recovered, kSweeps);
+}
+
+// Of the graph: submaps end while the robot stands, and poses do not.
+TEST(Silence, AnInputThatFollowsTheTravelReportsNone) {
+  const Network network(2);
+  Watched<int> came;
+  RunningStage reader(network.open(0), setup("graph", "i"), [&](Stage& core) {
+    InletOptions submaps;
+    submaps.regular = false;
+    const auto count = [&came](const auto&) { came.change([](int& n) { ++n; }); };
+    core.inlet<msg::Odometry>(Key::kOdometry, submaps, count);
+    core.inlet<msg::Sweep>(Key::kSweep, {}, count);
+  });
+  zenoh::Session source = network.open(1);
+  const auto put = [&source](Key key, Buffer message) {
+    zenoh::PublisherOptions options;
+    options.encoding = encoding_of(key);
+    zenoh::Publisher out = source.declare_publisher(kKeys.of(key), options);
+    wait_for_reader(out);
+    out.put(zenoh::Bytes::own(std::move(message)));
+  };
+  const HeaderFields h = sweep_header(1, 0, false);
+  put(Key::kOdometry, build(h, OdometryFields{}));
+  put(Key::kSweep, build(h, SweepFields{.rings = 16}));
+  ASSERT_TRUE(came.wait([](int n) { return n == 2; }));
+  const auto until = std::chrono::steady_clock::now() + kPatience;
+  std::string reason;
+  while (reason.find("silent") == std::string::npos && std::chrono::steady_clock::now() < until) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    reason = reader->status().reason;
+  }
+  EXPECT_NE(reason.find("silent " + kKeys.of(Key::kSweep)), std::string::npos) << reason;
+  EXPECT_EQ(reason.find("silent " + kKeys.of(Key::kOdometry)), std::string::npos) << reason;
 }
 
 // A handler may take longer than sweeps take to become a silence: what waits for it has come.
