@@ -241,6 +241,7 @@ std::optional<Drop> InletCore::file(Message message) {
 }
 
 void InletCore::note_given_up() {
+  for (const Drop reason : sequencer_.refused()) count_drop(reason);
   for (const Sequencer::GivenUp& g : sequencer_.given_up()) {
     {
       const std::lock_guard lock(shared_->mutex);

@@ -218,7 +218,7 @@ void Sequencer::switch_run(std::int64_t now_ns) {
   begin_run(waiting.front(), now_ns);
   for (Message& message : waiting) {
     if (is_of_this_run(message)) {
-      add_to_run(std::move(message), now_ns);
+      if (const auto drop = add_to_run(std::move(message), now_ns)) refused_.push_back(*drop);
     } else {
       future_.push_back(std::move(message));
     }
@@ -288,6 +288,8 @@ std::vector<Sequencer::GivenUp> Sequencer::given_up() {
   out.swap(given_up_);
   return out;
 }
+
+std::vector<Drop> Sequencer::refused() { return std::exchange(refused_, {}); }
 
 std::optional<std::int64_t> Sequencer::deadline() const {
   if (!gap_since_) return ask_in_silence_at_;

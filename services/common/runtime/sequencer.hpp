@@ -65,6 +65,8 @@ class Sequencer {
   };
   /// Sweeps that will not be handed out, in order, since the last call.
   std::vector<GivenUp> given_up();
+  /// Why messages of a newer run were not taken when that run began, since the last call.
+  std::vector<Drop> refused();
 
   /// Time of the next work if nothing arrives.
   std::optional<std::int64_t> deadline() const;
@@ -134,6 +136,7 @@ class Sequencer {
   /// sweeps given up, so that a later arrival is late and not a duplicate
   std::set<std::uint64_t> given_up_sweeps_;
   std::vector<GivenUp> given_up_;
+  std::vector<Drop> refused_;
   /// last message that was handed out, to know the publisher's next number
   std::string last_instance_;
   std::optional<std::uint64_t> last_seq_;

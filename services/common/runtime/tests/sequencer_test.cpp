@@ -255,6 +255,18 @@ TEST(Sequencer, ANewRunFollowsTheOldOne) {
   EXPECT_EQ(b.add(2, 2), std::nullopt);
 }
 
+// Of two replicas, or because a link is slow: they wait until the run before has been handed out.
+TEST(Sequencer, SecondCopiesOfANewRunAreCountedWhenItBegins) {
+  Bench b({}, true);
+  EXPECT_EQ(b.add(0, 1), std::nullopt);
+  for (const std::uint64_t sweep : {0U, 1U, 0U, 5'000U}) EXPECT_EQ(b.add(sweep, 2), std::nullopt);
+  EXPECT_TRUE(b.sequencer.refused().empty());
+  EXPECT_EQ(b.out(), (Sweeps{0, 0, 1}));
+  EXPECT_EQ(b.sequencer.refused(), (std::vector<Drop>{Drop::kDuplicate, Drop::kInvalid}));
+  EXPECT_EQ(b.sequencer.held(), 0U);
+  EXPECT_TRUE(b.sequencer.refused().empty());
+}
+
 TEST(Sequencer, PublisherMayLeaveSweepsOut) {
   Sequencer s({.sweeps = SweepSet::kPublisherDecides});
   const auto add = [&](std::uint64_t sweep, std::uint64_t seq, const std::string& instance) {
