@@ -17,6 +17,7 @@ constexpr std::chrono::milliseconds kAnswersWithin{900};
 constexpr std::int64_t kTooUncertain_ns = 5 * kMs;
 /// Maximum number of hosts that are asked for their time; messages of others get no latency.
 constexpr std::size_t kMostHosts = 16;
+constexpr std::int64_t kForgotten_ns = 60'000 * kMs;
 
 /// Identifies the clock: the kernel's boot id, which all containers of one machine share. A clock
 /// that is shifted by fault injection counts as another one.
@@ -61,10 +62,13 @@ HostTimes::HostTimes(const Identity& identity, const Keys& keys, zenoh::Session&
       });
 }
 
-void HostTimes::ask() {
+void HostTimes::ask(std::int64_t now_ns) {
   std::vector<std::pair<std::string, std::string>> questions;
   {
     const std::lock_guard lock(known_->mutex);
+    std::erase_if(known_->hosts, [now_ns](const auto& entry) {
+      return now_ns - entry.second.named_ns > kForgotten_ns;
+    });
     for (const auto& [host, other] : known_->hosts) {
       if (!other.same_clock) questions.emplace_back(host, keys_.time(other.stage, other.instance));
     }
@@ -83,7 +87,9 @@ void HostTimes::ask(const std::string& host, const std::string& key) {
     if (!verify<msg::HostTime>(bytes.data(), reply.sample->encoding).ok()) return;
     const auto& time = message_of<msg::HostTime>(bytes.data());
     const std::lock_guard lock(known->mutex);
-    Other& other = known->hosts[host];
+    const auto found = known->hosts.find(host);
+    if (found == known->hosts.end()) return;
+    Other& other = found->second;
     other.same_clock = time.boot() != nullptr && time.boot()->string_view() == boot;
     other.clock.add({asked_ns, time.received_ns(), time.sent_ns(), answered_ns});
   };
@@ -104,6 +110,7 @@ std::optional<ClockOffset> HostTimes::offset_of(const msg::TracePoint& stage) {
     return std::nullopt;
   }
   Other& other = known_->hosts[host];
+  other.named_ns = steady_ns();
   other.stage = stage.stage()->str();
   other.instance = stage.instance()->str();
   return other.same_clock ? ClockOffset{} : other.clock.offset();

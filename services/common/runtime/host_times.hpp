@@ -25,8 +25,9 @@ class HostTimes {
   /// From the last packet to now on this host, ms, corrected by the clocks' offset; nothing while
   /// that is not known to 5 ms. From this call on, the host that received the packet is asked.
   std::optional<double> since_last_packet_ms(const msg::Header& header, std::int64_t now_ns);
-  /// Once a second; does not wait.
-  void ask();
+  /// Once a second; does not wait. Forgets the hosts that no message has come from for a minute: a
+  /// container has another host name each time it is made. now_ns: monotonic.
+  void ask(std::int64_t now_ns);
   /// host -> offset of its clock, for hosts that have answered and do not share this clock
   std::map<std::string, ClockOffset> offsets() const;
   std::uint64_t not_asked() const;
@@ -35,6 +36,8 @@ class HostTimes {
   struct Other {
     std::string stage, instance;
     HostClock clock;
+    /// of the last message that came from there, monotonic
+    std::int64_t named_ns = 0;
     /// the same kernel under another host name: a container
     bool same_clock = false;
   };

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
+#include <string>
 #include <utility>
 
 #include "common/runtime/log.hpp"
@@ -16,6 +18,9 @@ namespace {
 constexpr std::chrono::milliseconds kStatusPeriod{1000};
 // A greater clock offset between hosts is reported as a fault (docs/protocol.md, section 10).
 constexpr std::int64_t kClocksApart_ns = 50 * kMs;
+// Names of the figures of a host's clock, before the host.
+constexpr const char* kClockOffset = "clock_offset_ms/";
+constexpr const char* kClockUncertainty = "clock_uncertainty_ms/";
 // Statuses (one per second) without a drop until an overload counts as over.
 constexpr int kLooksUntilCalm = 5;
 // Statuses at which heap memory is returned to the system after an oversized message: copies that
@@ -288,21 +293,28 @@ void StageCore::subscribe_again(const std::map<std::string, std::string>& silenc
 }
 
 void StageCore::watch_clocks() {
-  host_times_->ask();
+  host_times_->ask(steady_ns());
   if (const auto count = host_times_->not_asked(); count > 0) {
     figure("hosts_not_asked", static_cast<double>(count));
   }
   std::string apart;
+  std::map<std::string, double> figures;
   for (const auto& [host, clock] : host_times_->offsets()) {
     const double offset_ms = 1e-6 * static_cast<double>(clock.offset_ns);
-    figure("clock_offset_ms/" + host, offset_ms);
-    figure("clock_uncertainty_ms/" + host, 1e-6 * static_cast<double>(clock.uncertainty_ns));
+    figures[kClockOffset + host] = offset_ms;
+    figures[kClockUncertainty + host] = 1e-6 * static_cast<double>(clock.uncertainty_ns);
     if (std::abs(clock.offset_ns) - clock.uncertainty_ns <= kClocksApart_ns) continue;
     const auto whole_ms = static_cast<long>(std::lround(std::abs(offset_ms)));
     apart = "the clock of " + host + " is " + std::to_string(whole_ms) + " ms " +
             (offset_ms > 0 ? "ahead of" : "behind") + " this host's: both need NTP or PTP";
   }
   degraded("clock", apart);
+  const std::lock_guard lock(mutex_);
+  // Also those of hosts that have gone.
+  std::erase_if(figures_, [](const auto& entry) {
+    return entry.first.starts_with(kClockOffset) || entry.first.starts_with(kClockUncertainty);
+  });
+  figures_.merge(figures);
 }
 
 /// Reports configured endpoints without a link, such as a router that has gone: the stages continue

@@ -5,7 +5,9 @@
 
 #include <map>
 #include <nlohmann/json.hpp>
+#include <span>
 
+#include "common/runtime/host_times.hpp"
 #include "common/runtime/run_id.hpp"
 #include "common/runtime/tests/support.hpp"
 
@@ -17,6 +19,7 @@ using test::kPatience;
 using test::Network;
 using test::RunningStage;
 using test::setup;
+using test::sweep_header;
 using test::Watched;
 
 zenoh::GetOptions patient() {
@@ -202,6 +205,30 @@ TEST(Readiness, WaitsForTheReaderOfEachOutput) {
   EXPECT_THAT(last.get().second, testing::HasSubstr("features"));
   const auto odometry = other.declare_subscriber(kKeys.of(Key::kFeatures), [](zenoh::Sample&&) {});
   EXPECT_TRUE(last.wait([](const auto& l) { return l.first == msg::ServiceHealth::Ready; }));
+}
+
+// A driver in a container has another host name after each restart.
+TEST(HostTimes, HostsThatHaveGoneMakeRoomForOthers) {
+  const Network network(1);
+  zenoh::Session session = network.open(0);
+  HostTimes times(setup("odometry").identity, kKeys, session);
+  const auto comes_from = [&times](int host) {
+    HeaderFields h = sweep_header(1, 0, false);
+    h.trace.push_back({"driver", "host-" + std::to_string(host), "d", 1, 1, 1});
+    const Buffer message = build(h, SweepFields{.rings = 16});
+    const std::span<const std::uint8_t> bytes(message.data(), message.size());
+    times.since_last_packet_ms(*message_of<msg::Sweep>(bytes).header(), 2);
+  };
+  for (int host = 0; host < 16; ++host) comes_from(host);
+  EXPECT_EQ(times.not_asked(), 0U);
+  comes_from(16);
+  EXPECT_EQ(times.not_asked(), 1U);
+  times.ask(steady_ns());
+  comes_from(17);
+  EXPECT_EQ(times.not_asked(), 2U);
+  times.ask(steady_ns() + 120'000 * kMs);
+  comes_from(18);
+  EXPECT_EQ(times.not_asked(), 2U);
 }
 
 TEST(Status, ASourceSaysHowFarItIs) {
