@@ -227,8 +227,12 @@ CommandReply StageCore::hand_over(const std::string& arguments_json) {
   zenoh::GetOptions options;
   options.timeout = kHandOver;
   options.payload = zenoh::Bytes::copy_of(kHandsOver);
+  std::string why;
   for (const zenoh::Reply& reply : session_.get(keys_.takeover(stage, to), options)) {
-    if (!reply.ok()) continue;
+    if (!reply.ok()) {
+      why = reply.error.to_string();
+      continue;
+    }
     overtaken_ = true;
     handed_over_ns_ = steady_ns();
     for (const auto& outlet : outlets_) outlet->answer_in_silence();
@@ -240,7 +244,8 @@ CommandReply StageCore::hand_over(const std::string& arguments_json) {
   singleton_->hold(false);
   leaving_ = false;
   for (const auto& task : on_hand_over_) task(false);
-  return {false, to + " does not answer: this instance goes on"};
+  return {false, to + (why.empty() ? " does not answer" : " does not take over (" + why + ")") +
+                     ": this instance goes on"};
 }
 
 /// Another instance has this one's work, also where the worker does not know it yet.

@@ -229,6 +229,22 @@ TEST(HandOver, WhereTheOtherDoesNotAnswerThisOneGoesOn) {
   EXPECT_TRUE(chain.hears("elder", 1));
 }
 
+TEST(HandOver, TheReasonOfOneThatRefusesIsTold) {
+  const Network network(2);
+  Chain chain(network.open(1));
+  Instance elder(network.open(0), "elder");
+  ASSERT_TRUE(chain.hears("elder", 1));
+  const auto refusal = chain.session().declare_queryable(
+      kKeys.takeover("integration", "ghost"),
+      [](zenoh::Query&& query) { query.reply_error(zenoh::Bytes::copy_of("it leaves")); });
+  const auto ghost = chain.session().declare_liveliness_token(
+      kKeys.active("integration", "ghost", "1", std::to_string(wall_ns())));
+  std::string reply;
+  while (reply.find("ghost") == std::string::npos) reply = said(chain.session(), "{}");
+  EXPECT_EQ(reply, "no: ghost does not take over (it leaves): this instance goes on");
+  EXPECT_TRUE(chain.hears("elder", 1));
+}
+
 TEST(HandOver, OneThatAStrangersTokenSilencesWorksAgainWhenItIsAskedTo) {
   const Network network(2);
   Chain chain(network.open(1));
