@@ -318,11 +318,12 @@ void StageCore::close() {
   status_bell_.notify_all();
   if (status_thread_.joinable()) status_thread_.join();
   alive_.reset();
+  // Before all that the answers read, such as the term in the status.
+  queryables_.clear();
   drivers_.reset();
   takeover_.reset();
   singleton_.reset();
   unsubscribe();
-  queryables_.clear();
   host_times_.reset();
   source_ = nullptr;
   window_.reset();

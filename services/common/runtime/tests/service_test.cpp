@@ -3,9 +3,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <span>
+#include <thread>
 
 #include "common/runtime/host_times.hpp"
 #include "common/runtime/run_id.hpp"
@@ -205,6 +207,28 @@ TEST(Readiness, WaitsForTheReaderOfEachOutput) {
   EXPECT_THAT(last.get().second, testing::HasSubstr("features"));
   const auto odometry = other.declare_subscriber(kKeys.of(Key::kFeatures), [](zenoh::Sample&&) {});
   EXPECT_TRUE(last.wait([](const auto& l) { return l.first == msg::ServiceHealth::Ready; }));
+}
+
+// For ThreadSanitizer: the status names the term, also of a stage that is ending.
+TEST(Status, IsAnsweredWhileTheStageEnds) {
+  const Network network(2);
+  zenoh::Session asker = network.open(1);
+  for (int round = 0; round < 3; ++round) {
+    RunningStage stage(network.open(0), setup("mapping"), [](Stage&) {});
+    std::atomic<bool> ended{false};
+    Watched<int> answers;
+    std::thread asking([&] {
+      while (!ended) {
+        for (const zenoh::Reply& reply : asker.get(kKeys.status("mapping", "*"))) {
+          if (reply.ok()) answers.change([](int& n) { ++n; });
+        }
+      }
+    });
+    EXPECT_TRUE(answers.wait([](int n) { return n > 10; }));
+    EXPECT_EQ(stage.stop(), 0);
+    ended = true;
+    asking.join();
+  }
 }
 
 // A driver in a container has another host name after each restart.
