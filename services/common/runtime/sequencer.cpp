@@ -153,9 +153,20 @@ void Sequencer::give_up_sweep(std::uint64_t sweep, std::optional<Drop> drop) {
   if (given_up_sweeps_.size() > kGivenUpMemory) given_up_sweeps_.erase(given_up_sweeps_.begin());
 }
 
+std::uint64_t Sequencer::missing_before(const Message& message) const {
+  const std::uint64_t seq = message.header->seq();
+  const bool is_same = last_seq_ && instance_of(message) == last_instance_ && seq > *last_seq_;
+  return is_same ? seq - *last_seq_ - 1 : seq;
+}
+
 void Sequencer::give_up_gap() {
   const std::uint64_t end = held_.begin()->first;
+  std::uint64_t lost = end - next_;
+  if (limits_.sparse) lost = std::min(lost, missing_before(held_.begin()->second));
+  const std::size_t told = given_up_.size() + lost;
   for (; next_ < end; ++next_) give_up_sweep(next_, std::nullopt);
+  // The other sweeps never had a message.
+  given_up_.resize(told);
   // Makes the next message contiguous, whatever its seq.
   last_seq_ = held_.begin()->second.header->seq() - 1;
   last_instance_ = instance_of(held_.begin()->second);

@@ -108,6 +108,8 @@ class Sequencer {
   void note_source(bool recovered, std::int64_t now_ns);
   std::optional<Request> request_in_silence(std::int64_t now_ns);
   void give_up_gap();
+  /// Messages that are missing before this one by its publisher's numbers.
+  std::uint64_t missing_before(const Message& message) const;
   void begin_where_it_stands();
   /// Replay: the next message is the first one of another publisher, which may leave sweeps out.
   bool is_of_successor() const;

@@ -320,6 +320,26 @@ TEST(Sequencer, ReplayGoesOnWithTheFirstMessageOfASuccessorThatLeavesSweepsOut) 
   }
 }
 
+// A submap comes for about forty sweeps.
+TEST(Sequencer, OfSparseMessagesThoseThatWereSentCountAsLost) {
+  Sequencer s({.sweeps = SweepSet::kPublisherDecides, .sparse = true});
+  std::int64_t now = 1'000 * kMs;
+  const auto lost_before = [&](std::uint64_t sweep, std::uint64_t seq, const char* instance) {
+    now += 20'000 * kMs;
+    EXPECT_EQ(s.add(message({.sweep = sweep, .seq = seq, .instance = instance}), now),
+              std::nullopt);
+    now += 1'000 * kMs;
+    EXPECT_TRUE(s.next(now));
+    return s.given_up().size();
+  };
+  EXPECT_EQ(lost_before(40, 0, "a"), 0U);
+  EXPECT_EQ(lost_before(80, 1, "a"), 0U);
+  EXPECT_EQ(lost_before(160, 3, "a"), 1U);
+  EXPECT_EQ(lost_before(240, 0, "b"), 0U);
+  EXPECT_EQ(lost_before(320, 2, "c"), 2U);
+  EXPECT_EQ(s.add(message({.sweep = 120, .seq = 2, .instance = "a"}), now), Drop::kLate);
+}
+
 TEST(Sequencer, ReplayWaitsForWhatASuccessorSentBefore) {
   Sequencer s({.sweeps = SweepSet::kPublisherDecides, .sparse = true});
   s.add(message({.sweep = 0, .replay = true}), 0);
