@@ -10,6 +10,8 @@ constexpr std::size_t kGivenUpMemory = 4096;
 // Maximum distance of a replay's sweep from the next expected one. It exceeds the window, which is
 // a few sweeps, and the backlog of a restarted stage, which others keep.
 constexpr std::uint64_t kMostAhead = 1024;
+// The same for sparse messages: a robot may stand for a day, during which there are no submaps.
+constexpr std::uint64_t kMostAheadSparse = 1U << 20;
 constexpr std::size_t kMostOfNextRun = 1024;
 // Numbers too far ahead are accepted when nothing else has arrived for this long and kEnoughFar of
 // them were in order.
@@ -84,13 +86,18 @@ std::optional<Drop> Sequencer::add_to_run(Message message, std::int64_t now_ns) 
   return std::nullopt;
 }
 
+std::uint64_t Sequencer::most_ahead() const {
+  return limits_.sparse ? kMostAheadSparse : kMostAhead;
+}
+
 bool Sequencer::in_reach(const Message& message, std::int64_t now_ns) {
   const std::uint64_t sweep = message.header->sweep();
   const std::uint64_t below = held_.empty() ? next_ : held_.rbegin()->first + 1;
   if (!replay_) return sweep < below || in_reach_live(sweep - below, now_ns);
-  if (!joining_) return sweep - next_ <= kMostAhead;
   // While joining, the first messages show where the run stands.
-  return held_.empty() || sweep <= held_.begin()->first + kMostAhead;
+  if (joining_ && held_.empty()) return true;
+  const std::uint64_t from = joining_ ? held_.begin()->first : next_;
+  return sweep <= from || sweep - from <= most_ahead();
 }
 
 /// Before the period is measured, the sensor may be of any pace: a sparse input would otherwise
@@ -257,7 +264,7 @@ std::optional<Sequencer::Request> Sequencer::request_in_silence(std::int64_t now
   if (now_ns < at) return std::nullopt;
   silent_wait_ns_ = std::max(std::min(2 * silent_wait_ns_, kMaxWait_ns), period_.ns());
   ask_in_silence_at_ = now_ns + silent_wait_ns_;
-  return Request{run_, next_, next_ + kMostAhead};
+  return Request{run_, next_, next_ + most_ahead()};
 }
 
 std::optional<Sequencer::Request> Sequencer::request(std::int64_t now_ns, bool goes_on) {

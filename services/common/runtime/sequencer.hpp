@@ -96,6 +96,7 @@ class Sequencer {
  private:
   void begin_run(const Message& first, std::int64_t now_ns);
   bool is_of_this_run(const Message& message) const;
+  std::uint64_t most_ahead() const;
   bool in_reach(const Message& message, std::int64_t now_ns);
   bool in_reach_live(std::uint64_t beyond, std::int64_t now_ns);
   bool takes_up_far_numbers(const Message& message, std::int64_t now_ns);

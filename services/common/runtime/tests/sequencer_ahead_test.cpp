@@ -32,6 +32,21 @@ TEST(Sequencer, AReplayIsAheadByItsWindowAndNotMore) {
   EXPECT_EQ(joined.add(2'000'000), Drop::kInvalid);
 }
 
+// A robot stands for two minutes in a recording: there is no submap of that time.
+TEST(Sequencer, AReplaysSparseMessagesMayBeFarApart) {
+  for (const bool sparse : {true, false}) {
+    Sequencer s({.sweeps = SweepSet::kPublisherDecides, .sparse = sparse});
+    const auto add = [&s](std::uint64_t sweep, std::uint64_t seq) {
+      return s.add(test::message({.sweep = sweep, .seq = seq, .replay = true}), 0);
+    };
+    EXPECT_EQ(add(60, 0), std::nullopt);
+    EXPECT_TRUE(s.next(0));
+    EXPECT_EQ(add(1'300, 1), sparse ? std::nullopt : std::optional(Drop::kInvalid));
+    EXPECT_EQ(s.next(0).has_value(), sparse);
+    EXPECT_EQ(add(5'000'000'000, 2), Drop::kInvalid);
+  }
+}
+
 /// Ten sweeps a second, all handled.
 std::uint64_t drive(Bench& b, std::uint64_t from, std::uint64_t sweeps) {
   for (std::uint64_t n = from; n < from + sweeps; ++n) {
