@@ -230,11 +230,15 @@ std::optional<Drop> InletCore::file(Message message) {
   // A process that stands by again keeps its name, but its numbers count from 0 when it takes over.
   const std::string life = header.instance()->str() + '/' + std::to_string(header.term());
   if (const auto drop = seen_.add(life, header.seq(), header.replay(), steady_ns())) return drop;
-  if (arrivals_.size() >= kMaxQueued) return Drop::kQueueFull;
+  const std::size_t size = message.bytes.size();
+  if (arrivals_.size() >= kMaxQueued || arrivals_bytes_ + size > setup_.queue_bytes) {
+    return Drop::kQueueFull;
+  }
+  arrivals_bytes_ += size;
   arrivals_.push_back(std::move(message));
   const std::size_t newest = setup_.limits.newest;
   if (newest > 0 && arrivals_.size() > newest && !arrivals_.front().header->replay()) {
-    arrivals_.pop_front();
+    take_arrival();
     count_drop(Drop::kQueueFull);
   }
   return std::nullopt;
@@ -260,8 +264,13 @@ void InletCore::note_given_up() {
 std::optional<Message> InletCore::next() {
   if (setup_.options.order == Order::kBySweep) return sequencer_.next(steady_ns());
   if (arrivals_.empty()) return std::nullopt;
+  return take_arrival();
+}
+
+Message InletCore::take_arrival() {
   Message message = std::move(arrivals_.front());
   arrivals_.pop_front();
+  arrivals_bytes_ -= message.bytes.size();
   return message;
 }
 
@@ -290,6 +299,7 @@ void InletCore::put_aside() {
   }
   sequencer_ = Sequencer(setup_.limits);
   arrivals_.clear();
+  arrivals_bytes_ = 0;
 }
 
 void InletCore::handle(Message message) {

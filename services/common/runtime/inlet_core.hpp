@@ -112,6 +112,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   bool plausible(const Message& message);
   std::optional<Drop> file(Message message);
   std::optional<Message> next();
+  Message take_arrival();
   void count_drop(Drop reason);
   void report_drop(Drop reason, const std::string& why);
   void note_given_up();
@@ -146,6 +147,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   SeenNumbers seen_;
   TermFence fence_;
   std::deque<Message> arrivals_;
+  std::size_t arrivals_bytes_ = 0;
   MessageCache kept_;
   std::uint64_t complaints_ = 0;
   /// a restored stage has called continue_at() since the last drain()

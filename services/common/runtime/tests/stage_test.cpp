@@ -142,6 +142,49 @@ TEST(Stage, LiveQueueDropsTheOldestAndTellsWhich) {
   EXPECT_EQ(told, dropped(a, Drop::kQueueFull));
 }
 
+struct NoEvents : InletEvents {
+  void saw(std::uint64_t, std::uint64_t) override {}
+  bool follows(const Message&) override { return true; }
+  bool before_message(const Message&) override { return true; }
+  void after_message(const Message&, bool) override {}
+  void second_copy(std::uint64_t, std::uint64_t) override {}
+  void overdue(const std::string&, std::uint64_t) override {}
+  void handler_threw(const std::string&, std::uint64_t, const std::string&) override {}
+};
+
+// Of the store, while its disk is slow: what the worker has verified counts, too.
+TEST(Inlet, WhatWaitsInOrderOfArrivalIsBoundedByItsBytes) {
+  const auto sample = [](std::uint64_t seq) {
+    zenoh::Sample s;
+    s.payload = sweep_bytes(sweep_header(1, seq, true));
+    s.encoding = encoding_of(Key::kSweep);
+    return s;
+  };
+  InletSetup s;
+  s.options.order = Order::kAsTheyCome;
+  s.queue_bytes = 3 * sample(1).payload.size();
+  s.verify = &verify<msg::Sweep>;
+  s.header = [](std::span<const std::uint8_t> bytes) {
+    return message_of<msg::Sweep>(bytes).header();
+  };
+  s.handler = [](const Message&) { return Outcome::kProcessed; };
+  NoEvents events;
+  const auto inlet = std::make_shared<InletCore>(std::move(s), std::make_shared<Shared>(), events);
+  for (std::uint64_t seq = 1; seq <= 5; ++seq) {
+    inlet->on_sample(sample(seq), false);
+    inlet->drain();
+  }
+  EXPECT_EQ(inlet->account().queued, 3U);
+  EXPECT_EQ(dropped(inlet->account(), Drop::kQueueFull), 2U);
+  EXPECT_TRUE(inlet->work());
+  inlet->on_sample(sample(6), false);
+  inlet->drain();
+  while (inlet->work()) {
+  }
+  EXPECT_EQ(inlet->account().processed, 4U);
+  EXPECT_TRUE(inlet->account().balanced());
+}
+
 // As odometry after a standstill, which gets what it missed from the stage before it.
 TEST(Stage, WaitingSweepsThatItsHandlerHasFromElsewhereAreSettled) {
   const Network network(2);
