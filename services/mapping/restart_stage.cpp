@@ -172,7 +172,10 @@ void MappingStage::wait_for_store(bool known_run) const {
 }
 
 bool MappingStage::take_back(const msg::Header& first, SavedMap& saved, Lost& lost) {
-  const auto poses = runtime::recall<msg::MapPose>(stage_, Key::kMapOdometry, {}, 1);
+  // Whoever lacks its map asks again soon, and sweeps wait meanwhile.
+  const auto poses =
+      runtime::recall_from<msg::MapPose>(stage_, stage_.keys().of(Key::kMapOdometry), 1, true,
+                                         lacks_map_ ? runtime::kMemory : runtime::kStore);
   if (poses.empty()) return false;
   const runtime::Received<msg::MapPose>& pose = poses.back();
   const std::int64_t away_ns = first.stamp_ns() - pose->instant_ns();
@@ -187,7 +190,6 @@ bool MappingStage::take_back(const msg::Header& first, SavedMap& saved, Lost& lo
     return false;
   }
   lost.ids.add(pose.header().map_id());
-  // What does not come now is asked for again soon, and sweeps wait meanwhile.
   const int tries = lacks_map_ ? 1 : kTries;
   // The store and the previous instance may both send a cube: the newer one is kept.
   using TileMessage = runtime::Received<msg::MapTile>;

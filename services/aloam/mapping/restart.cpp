@@ -46,7 +46,8 @@ std::optional<LastMapped> last_corrected(runtime::Stage& stage, std::uint64_t ru
 /// is one of the last; if not, the odom frame counts as a new one.
 std::optional<LastMapped> last_stored(runtime::Stage& stage, std::uint64_t run) {
   runtime::wait_for_links([&] { return runtime::is_there(stage, "store"); }, kStoreLink);
-  const auto poses = runtime::recall<msg::MapPose>(stage, Key::kMapOdometry, {}, 1);
+  const auto poses = runtime::recall_from<msg::MapPose>(stage, stage.keys().of(Key::kMapOdometry),
+                                                        1, true, runtime::kStore);
   if (poses.empty() || poses.back().run() != run) return std::nullopt;
   const auto& last = poses.back();
   LastMapped found{last.sweep(), last.header().map_id(), ~last.header().odom_epoch()};

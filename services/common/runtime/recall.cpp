@@ -83,9 +83,9 @@ std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
   const std::chrono::nanoseconds quiet = stage.overtook() ? from.quiet : from.longest_pause;
   std::vector<Message> best;
   std::string lacks;
-  int parts = 0;
+  int parts = 0, late = 0;
   for (int i = 0; i < tries && !stage.stopping(); ++i) {
-    if (i > 0) std::this_thread::sleep_for(kBetween);
+    if (i > 0 || late > 0) std::this_thread::sleep_for(kBetween);
     Answers answers = get_and_wait(stage.session(), selector, from.timeout, quiet, kTimeout);
     std::vector<Message> found;
     std::string why = answers.error;
@@ -98,7 +98,11 @@ std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
         why = "some answers can't be read";
       }
     }
-    if (found.empty() && best.empty()) continue;
+    if (found.empty() && best.empty()) {
+      const bool is_late = !answers.ended || !answers.error.empty();
+      if (is_late && !stage.overtook() && late++ < from.late_tries) --i;
+      continue;
+    }
     const bool whole = why.empty() && !found.empty();
     if (whole || found.size() > best.size()) {
       best = std::move(found);

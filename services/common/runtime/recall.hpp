@@ -62,6 +62,9 @@ struct RecallFrom {
   std::chrono::nanoseconds longest_pause;
   /// Answers that are missing or unreadable make the stage `degraded`: nothing else tells of them.
   bool must_be_whole;
+  /// Further requests while somebody who is there has not answered in time, as a store that is
+  /// writing: that is not the answer that there is nothing.
+  int late_tries = 0;
 };
 std::vector<Message> recall_messages(Stage& stage, const std::string& selector,
                                      VerifyFunction verify, HeaderFunction header, int tries,
@@ -71,6 +74,12 @@ inline constexpr RecallFrom kMemory{.timeout = std::chrono::milliseconds(2000),
                                     .quiet = std::chrono::milliseconds(300),
                                     .longest_pause = std::chrono::seconds(2),
                                     .must_be_whole = false};
+/// The newest message of a key, which a store may have.
+inline constexpr RecallFrom kStore{.timeout = std::chrono::milliseconds(2000),
+                                   .quiet = std::chrono::milliseconds(300),
+                                   .longest_pause = std::chrono::seconds(2),
+                                   .must_be_whole = false,
+                                   .late_tries = 10};
 /// A map, which may come from a disk.
 inline constexpr RecallFrom kDisk{.timeout = std::chrono::milliseconds(20000),
                                   .quiet = std::chrono::milliseconds(1500),
@@ -81,17 +90,23 @@ inline constexpr RecallFrom kDisk{.timeout = std::chrono::milliseconds(20000),
 void sort_by_sweep(std::vector<Message>& messages);
 
 template <class T>
-std::vector<Received<T>> recall_at(Stage& stage, const std::string& selector, int tries,
-                                   bool by_sweep) {
+std::vector<Received<T>> recall_from(Stage& stage, const std::string& selector, int tries,
+                                     bool by_sweep, const RecallFrom& from) {
   std::vector<Message> messages = recall_messages(
       stage, selector, &verify<T>,
       [](std::span<const std::uint8_t> bytes) { return message_of<T>(bytes).header(); }, tries,
-      by_sweep ? kMemory : kDisk);
+      from);
   if (by_sweep) sort_by_sweep(messages);
   std::vector<Received<T>> found;
   found.reserve(messages.size());
   for (Message& m : messages) found.emplace_back(std::move(m));
   return found;
+}
+
+template <class T>
+std::vector<Received<T>> recall_at(Stage& stage, const std::string& selector, int tries,
+                                   bool by_sweep) {
+  return recall_from<T>(stage, selector, tries, by_sweep, by_sweep ? kMemory : kDisk);
 }
 
 template <class T>

@@ -4,6 +4,9 @@
 
 #include <gtest/gtest.h>
 
+#include <memory>
+#include <vector>
+
 #include "common/runtime/tests/support.hpp"
 
 namespace zloam::runtime {
@@ -136,6 +139,30 @@ TEST_F(Recall, WhatCameFirstIsKeptWhenNothingComesAgain) {
   });
   EXPECT_EQ(sweeps_of(found), std::vector<std::uint64_t>{3});
   EXPECT_NE(reason_of(reader).find("busy"), std::string::npos);
+}
+
+// A store that compacts: without its answer a new map would take the place of the stored one.
+TEST_F(Recall, AStoreThatIsBusyIsAskedAgain) {
+  zenoh::Session store = network_.open(0);
+  const std::string key = test::kKeys.of(Key::kOdometry);
+  // The first query stays unanswered while its owner is busy.
+  const auto waiting = std::make_shared<Watched<std::vector<std::shared_ptr<zenoh::Query>>>>();
+  const auto queryable = store.declare_queryable(key, [key, waiting](zenoh::Query&& query) {
+    waiting->change([&](auto& all) {
+      all.push_back(std::make_shared<zenoh::Query>(std::move(query)));
+      if (all.size() < 2) return;
+      all.back()->reply(key, zenoh::Bytes::own(build(sweep_header(7, 3, true), pose_of_sweep(3))),
+                        encoding_of(Key::kOdometry));
+      all.clear();
+    });
+  });
+  const auto token = store.declare_liveliness_token(test::kKeys.alive("store", "s"));
+  std::vector<Received<msg::Odometry>> found;
+  RunningStage reader(network_.open(1), setup("mapping"), [&](Stage& stage) {
+    wait_for_links([&] { return is_there(stage, "store"); }, kPatience);
+    found = recall_from<msg::Odometry>(stage, key, 1, true, kStore);
+  });
+  EXPECT_EQ(sweeps_of(found), std::vector<std::uint64_t>{3});
 }
 
 TEST_F(Recall, AStageIsThereOnceItCanBeAsked) {
