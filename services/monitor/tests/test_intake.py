@@ -35,10 +35,15 @@ def opened(
 
 
 def publish(
-    session: FakeSession, *numbers: int, key: str = "pose", instance: str = "one", run: int = 1
+    session: FakeSession,
+    *numbers: int,
+    key: str = "pose",
+    instance: str = "one",
+    run: int = 1,
+    term: int = 1,
 ) -> None:
     for n in numbers:
-        header = compose.HeaderValues(run, n, n, instance=instance)
+        header = compose.HeaderValues(run, n, n, instance=instance, term=term)
         message = compose.pose("MapPose", header, n, (0, 0, 0), (0, 0, 0, 1))
         session.publish(session.keys.below(key), message)
 
@@ -134,6 +139,14 @@ def test_each_publisher_counts_for_itself(session: FakeSession) -> None:
     publish(session, 0, 1, 3, instance="another")
     publish(session, 0, 2, key="map/odometry")
     assert intake.lost() == {"loam/robot/pose": 1, "loam/robot/map/odometry": 1}
+
+
+def test_a_process_that_takes_over_again_counts_from_0(session: FakeSession) -> None:
+    """Also within the window in which a lower number counts as overtaken."""
+    intake = opened(session)
+    publish(session, 0, 1, 2, 3)
+    publish(session, 0, 2, term=3)
+    assert intake.lost() == {"loam/robot/pose": 1}
 
 
 def test_all_tiles_are_numbered_together(session: FakeSession) -> None:

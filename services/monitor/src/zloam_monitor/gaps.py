@@ -22,6 +22,8 @@ class Number:
     run: int = 0
     #: Of a replay, whose publishers wait for their readers.
     replay: bool = False
+    #: A process that takes a stage's work over again has another one, and counts from 0.
+    term: int = 0
 
 
 def number_of(payload: bytes) -> Number | None:
@@ -30,7 +32,11 @@ def number_of(payload: bytes) -> Number | None:
         header = messages.header_of(payload)
         if header is not None:
             return Number(
-                header.Instance() or b"", header.Seq(), header.Run(), bool(header.Replay())
+                header.Instance() or b"",
+                header.Seq(),
+                header.Run(),
+                bool(header.Replay()),
+                header.Term(),
             )
     return None
 
@@ -100,16 +106,17 @@ class Gaps:
     """Counts what has not arrived, by topic."""
 
     def __init__(self) -> None:
-        self._numbers: dict[tuple[str, bytes], Numbers] = {}
+        self._numbers: dict[tuple[str, bytes, int], Numbers] = {}
 
     def take(self, topic: str, number: Number) -> None:
         """Counts a message that has arrived."""
-        known = self._numbers.setdefault((topic, number.instance), Numbers(number))
+        who = topic, number.instance, number.term
+        known = self._numbers.setdefault(who, Numbers(number))
         known.take(number)  # The first one a second time, which counts once.
 
     def lost(self) -> Counter[str]:
         """Topic -> number of messages that have not arrived, where there are such."""
         found: Counter[str] = Counter()
-        for (topic, _), numbers in self._numbers.items():
+        for (topic, *_), numbers in self._numbers.items():
             found[topic] += numbers.lost
         return +found
