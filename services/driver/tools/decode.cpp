@@ -194,7 +194,8 @@ std::unique_ptr<SweepSource> open_source(const Options& options,
   read_metadata(options.metadata, bare ? "" : options.path, stream.decoding);
   const std::size_t payload_bytes = Makers(stream.decoding).maker().payload_bytes();
   std::unique_ptr<PacketSource> packets;
-  if (options.in_memory) {
+  // The file's source refuses an unknown length.
+  if (options.in_memory && payload_bytes > 0) {
     packets = std::make_unique<MemorySource>(in_memory, payload_bytes);
   } else {
     packets = bare ? open_payload_file(options.path, payload_bytes) : open_pcap(options.path);
