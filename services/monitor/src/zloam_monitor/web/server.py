@@ -14,6 +14,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from typing import Any, NamedTuple
+from urllib.parse import unquote
 
 from zloam_monitor import discovery, ending
 from zloam_monitor.discovery import Found
@@ -110,7 +111,8 @@ class _Handler(BaseHTTPRequestHandler):
         elif path == "/robots.json":
             self._json({"robots": self.robots.names(), "version": version()})
         elif match := _ROBOT.match(path):
-            self._robot(match[1], match[2])
+            # A name may have other characters than an address, which encodes them.
+            self._robot(unquote(match[1]), match[2])
         else:
             self._answer(HTTPStatus.NOT_FOUND, "text/plain", b"nothing is here\n")
 
