@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import random
 from types import SimpleNamespace
 from typing import Any
 
+import flatbuffers
 import pytest
 import zenoh
 
@@ -75,6 +77,20 @@ class FakeSession:
         key = self.config_key(stage).replace("/config", "/status")
         number = SERVICE_HEALTH.index(health)
         self.publish(key, compose.status(stage, at_ns, 1, None, [], {}, health=number))
+
+
+def revision(stage: str, rev: int, values: dict[str, Any]) -> bytes:
+    """A ConfigRevision message."""
+    b = flatbuffers.Builder(0)
+    texts = {"Stage": stage, "ValuesJson": json.dumps(values), "By": f"{stage}-1"}
+    made = {name: b.CreateString(text) for name, text in texts.items()}
+    code = messages.module("ConfigRevision")
+    code.Start(b)
+    for name, offset in made.items():
+        getattr(code, f"Add{name}")(b, offset)
+    code.AddRev(b, rev)
+    b.Finish(code.End(b), messages.KINDS["ConfigRevision"].identifier)
+    return bytes(b.Output())
 
 
 def needs_schemas() -> None:

@@ -13,7 +13,7 @@ import pytest
 import zenoh
 from mcap.reader import make_reader
 
-from fake_session import FakeSession, linked, needs_schemas, one_misses_a_query
+from fake_session import FakeSession, linked, needs_schemas, one_misses_a_query, revision
 from zloam_monitor import compose, doctor_files, intake, link, messages, recorder
 from zloam_monitor.mcap_file import McapFile, RecordingError
 from zloam_monitor.recorder import Options, Recorder
@@ -218,6 +218,21 @@ def test_of_a_stage_that_starts_again_the_first_configuration_is_replayed(
     made.close()
     assert stages(path) == ["mapping", "mapping", "odometry"]
     assert RobotLog(path).settings() == ["mapping.a=1"]
+
+
+def test_all_changes_from_before_it_are_in_every_part(session: FakeSession, tmp_path: Path) -> None:
+    """Each process answers with all revisions of a stage, which have one key."""
+    made = [revision("mapping", n, {"mapping.a": n}) for n in (1, 2)]
+    session.rounds[session.keys.revision("mapping")] = [made + made[::-1]]
+    recorder_ = recording(session, tmp_path / "run.mcap")
+    recorder_.settle()
+    session.publish(session.keys.revision("mapping"), made[1])
+    session.publish_long_pose(1)
+    recorder_.poll()
+    recorder_.close()
+    for part in recorder_.parts:
+        assert [data for topic, data in contents(part) if topic.endswith("/config/mapping")] == made
+    assert RobotLog(recorder_.parts[0]).changes() == ["0:mapping.a=1", "0:mapping.a=2"]
 
 
 def test_only_a_stage_that_works_lacks_its_configuration(

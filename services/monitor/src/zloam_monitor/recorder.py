@@ -58,6 +58,7 @@ DERIVED = (
     "map/submap",
     "preview",
 )
+CONFIG, REVISION = (messages.KINDS[t].identifier for t in ("EffectiveConfig", "ConfigRevision"))
 #: Health of instances that may have no configuration to ask for: standbys have none.
 WITHOUT_CONFIG = ("starting", "stopping")
 #: Health of an instance that says by itself that nothing more comes of it.
@@ -140,7 +141,7 @@ class Recorder:
         self._intake = Intake(self.link.session, wanted, MOST_WAITING_BYTES, leave_out="newest")
         self._scene: Scene | None = None
         #: Messages that are repeated in each file, so that it can be understood without the others.
-        self._standing: dict[str, Sample] = {}
+        self._standing: dict[tuple[str, bytes], Sample] = {}
         #: Keys of the configurations of all instances that were there.
         self._present: set[str] = set()
         #: When the newest message came, and the end, ns by the intake's clock.
@@ -178,9 +179,12 @@ class Recorder:
         return payloads
 
     def _stand(self, sample: Sample) -> None:
-        if self._standing.get(sample.key) is None:
+        """Writes a message that is not there yet: an instance has one configuration, but all
+        revisions of a stage have one key, and a run needs each of them."""
+        which = sample.key, sample.payload if sample.payload[4:8] == REVISION else b""
+        if which not in self._standing:
             self._put(sample)
-        self._standing[sample.key] = sample
+        self._standing[which] = sample
 
     def _opened(self) -> McapFile:
         number = len(self.parts) + 1
@@ -227,7 +231,7 @@ class Recorder:
 
     def _lacking(self) -> list[str]:
         """Keys of configurations that are not in the file yet."""
-        return sorted(self._present - self._standing.keys())
+        return sorted(self._present - {key for key, _ in self._standing})
 
     def _met(self, sample: Sample) -> None:
         """Asks the instance that published a status for its configuration, if that is lacking: the
@@ -241,7 +245,7 @@ class Recorder:
             return
         config = sample.key.removesuffix("status") + "config"
         self._present.add(config)
-        if config not in self._standing:
+        if (config, b"") not in self._standing:
             with contextlib.suppress(zenoh.ZError):  # The session may be closed already.
                 self.link.session.get(config, self._answered)
 
@@ -252,16 +256,13 @@ class Recorder:
     def _take(self, sample: Sample) -> None:
         self._came_ns = sample.received_ns
         identifier = sample.payload[4:8]
-        if identifier == messages.KINDS["EffectiveConfig"].identifier:
+        if identifier in (CONFIG, REVISION):
             self._stand(sample)
             return
         if identifier == messages.KINDS["Status"].identifier:
             self._met(sample)
-        is_view = sample.key == self.link.keys.odometry_sweep
-        if not is_view or self._raw_clouds:
+        if self._raw_clouds or sample.key != self.link.keys.odometry_sweep:
             self._put(sample)
-        if identifier == messages.KINDS["ConfigRevision"].identifier:
-            self._standing[sample.key] = sample
         if self._scene is not None:
             with contextlib.suppress(*messages.DECODE_ERRORS):
                 for shown in self._scene.take(sample):
