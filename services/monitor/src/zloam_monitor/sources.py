@@ -142,6 +142,9 @@ def _from_robot_log(path: Path, words: list[str], own_config: bool) -> Source:
     if not own_config:
         words += log.settings()
         changes = log.changes()
+    if log.unread:
+        said = ", ".join(sorted(log.unread))
+        print(f"{path.name}: messages of {said} can't be read and are left out", flush=True)
     further = log.parts[1:]
     return Source(
         path.name, "recording", path, BAG_CONFIG, settings=words, readings=further, changes=changes

@@ -7,11 +7,11 @@ force; `zloam replay` publishes all messages again.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from zloam_monitor import messages, records
 from zloam_monitor.mcap_file import further_parts, part_path
@@ -28,6 +28,7 @@ STAGE_KEYS = ("sensor.model", "mounting.", "registration.", "odometry.", "mappin
 PLACES = ("mapping.map_path", "mapping.spill_directory", "integration.output_dir")
 #: Later than any message.
 MOST_NS = 1 << 63
+T = TypeVar("T")
 #: Metadata that all parts of a recording have in common.
 IDENTITY = ("recording", "robot", "sensor", "version")
 
@@ -75,6 +76,8 @@ class RobotLog:
 
     path: Path
     remarks: list[str] = field(default_factory=list)
+    #: Topics with configurations or changes that could not be read, and were left out.
+    unread: set[str] = field(default_factory=set)
 
     @cached_property
     def parts(self) -> list[Path]:
@@ -211,23 +214,32 @@ class RobotLog:
         """The stages' configuration, KEY=VALUE: of each key the first value, as a stage that
         started later, or again, may have been given another."""
         found: dict[str, Any] = {}
-        for logged in self.found((CONFIG,)):
-            _, values = records.effective_config(logged.payload)
+        for _, (_, values) in self._read(CONFIG, records.effective_config):
             found = {**values, **found}
         kept = {k: v for k, v in found.items() if k.startswith(STAGE_KEYS) and k not in PLACES}
         return [f"{k}={_text(v)}" for k, v in sorted(kept.items())]
 
     def takes_imu(self) -> bool:
         """True if the driver was configured to take IMU readings, whenever they began."""
-        values = (records.effective_config(each.payload)[1] for each in self.found((CONFIG,)))
-        return any(each.get("driver.imu", "none") != "none" for each in values)
+        configs = self._read(CONFIG, records.effective_config)
+        return any(values.get("driver.imu", "none") != "none" for _, (_, values) in configs)
+
+    def _read(self, schema: str, read: Callable[[bytes], T]) -> Iterator[tuple[Logged, T]]:
+        """Messages and what they say. A recorder writes all that comes on the robot's keys, also
+        what a stranger publishes: what can't be read is left out."""
+        for logged in self.found((schema,)):
+            try:
+                said = read(logged.payload)
+            except messages.DECODE_ERRORS:
+                self.unread.add(logged.topic)
+                continue
+            yield logged, said
 
     def changes(self) -> list[str]:
         """Changes during the first run, SWEEP:KEY=VALUE; sweeps are counted from the first one.
         Those of earlier runs hold from there on."""
         revisions: dict[tuple[str, int], RevisionRecord] = {}
-        for logged in self.found((REVISION,)):
-            revision = records.config_revision(logged.payload)
+        for _, revision in self._read(REVISION, records.config_revision):
             revisions[(revision.stage, revision.rev)] = revision
         begin = next(self.sweeps(), None)
         header = _header(begin.payload) if revisions and begin is not None else None
