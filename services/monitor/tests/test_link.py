@@ -65,6 +65,31 @@ def test_a_living_stage_that_does_not_answer_is_named(
     assert "no key x" in capsys.readouterr().err
 
 
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("position", "quaternion"),
+    [
+        ((NAN, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)),
+        ((1e8, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)),
+        ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 0.0)),
+        ((1.0, 2.0, 3.0), (0.0, 0.0, NAN, 1.0)),
+    ],
+)
+def test_what_can_be_no_pose_is_counted_as_unreadable(
+    session: FakeSession, position: tuple[float, ...], quaternion: tuple[float, ...]
+) -> None:
+    """The stages refuse it, too. One NaN in it would be one in all errors of the run, and makes an
+    answer of `zloam web` that no browser can read."""
+    hearing = Link(session, session.keys)
+    for n, at, turned in ((0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)), (1, position, quaternion)):
+        header = HeaderValues(1, n, n)
+        session.publish(session.keys.pose, compose.pose("MapPose", header, n, at, turned))
+    hearing.poll()
+    assert (list(hearing.poses), hearing.garbage) == ([0], 1)
+
+
 HOUR_NS = 3600 * 10**9
 
 

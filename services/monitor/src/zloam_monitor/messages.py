@@ -55,6 +55,8 @@ PREVIEW_BLOCK = np.dtype(
         ("reserved", "u1"),
     ]
 )
+#: Limit on a coordinate of a pose, m.
+MOST_M = 1e7
 #: Name in the schemas -> dtype, for every struct.
 STRUCTS = {
     "Vec3": VEC3,
@@ -206,9 +208,13 @@ def struct_vector(table: Any, field: str, dtype: np.dtype[Any]) -> NDArray[Any]:
 
 
 def pose_arrays(pose: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(translation xyz, quaternion xyzw) of a Pose struct."""
+    """(translation xyz, quaternion xyzw) of a Pose struct. Raises MessageError for what the stages
+    refuse, too (ranges.cpp): one NaN would spoil all that is computed from a run's poses."""
     flat = np.frombuffer(pose._tab.Bytes, "<f8", 7, pose._tab.Pos)
-    return flat[:3].copy(), flat[3:].copy()
+    translation, quaternion = flat[:3].copy(), flat[3:].copy()
+    if not np.abs(translation).max() <= MOST_M or not abs(np.linalg.norm(quaternion) - 1.0) < 1e-3:
+        raise MessageError(f"no pose: translation {translation}, quaternion {quaternion}")
+    return translation, quaternion
 
 
 def text(value: bytes | None) -> str:
