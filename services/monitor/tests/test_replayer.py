@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zenoh
 
 from fake_session import needs_schemas
 from zloam_monitor import compose, messages, replayer
@@ -211,3 +212,36 @@ def test_what_is_no_tile_is_left_out_and_told(
     assert replayer.replay(Options(file.path, rate=100.0, begin_s=0.5)) == 1
     assert keys == ["loam/r/map/tile/plane/0/0/0"] * 3
     assert "2 tiles could not be read: they are left out" in capsys.readouterr().out
+
+
+def test_queries_for_the_map_are_answered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`zloam web` and `map save` only query it, and other views ask for what came before them."""
+    needs_schemas()
+    McapFile(tmp_path / "run.mcap", {**ABOUT, "part": "1"}).close()
+    answer: list[Any] = []
+    session = SimpleNamespace(
+        put=lambda *_, **__: None, declare_queryable=lambda key, each: answer.append((key, each))
+    )
+    monkeypatch.setattr(replayer, "open_session", lambda *_: session)
+    monkeypatch.setattr(replayer.Stand, "_alone", lambda _: None)
+    stand = replayer.Stand(RobotLog(tmp_path / "run.mcap"), Options(Path(), robot="ghost"))
+
+    def asked(selector: str) -> list[tuple[str, bytes]]:
+        found: list[tuple[str, bytes]] = []
+        wanted = zenoh.KeyExpr(selector)
+        query = SimpleNamespace(key_expr=wanted, reply=lambda *said: found.append(said))
+        for key, each in answer:
+            if wanted.intersects(zenoh.KeyExpr(key)):
+                each(query)
+        return found
+
+    for points, index, map_id in ((1, 0, 7), (2, 1, 7), (3, 0, 7)):
+        stand.put(Logged(TILE, "zloam.msg.MapTile", 0, tile(points, index, map_id)))
+    keys = [f"loam/ghost/map/tile/plane/{index}/0/0" for index in (0, 1)]
+    assert asked(stand.keys.tiles_of("plane")) == [
+        (keys[0], tile(3, 0, 7)),
+        (keys[1], tile(2, 1, 7)),
+    ]
+    assert asked(stand.keys.tiles_of("edge")) == []
+    stand.put(Logged(TILE, "zloam.msg.MapTile", 0, tile(4, 1, 8)))
+    assert asked(stand.keys.tiles) == [(keys[1], tile(4, 1, 8))]

@@ -58,7 +58,11 @@ class Stand:
         self._encodings = {
             f"zloam.msg.{table}": messages.encoding(table) for table in messages.KINDS
         }
-        answered = (self.keys.every_status, self.keys.every_config, self.keys.every_revision)
+        #: The map so far, by its tiles' keys: the views query it.
+        self._tiles: dict[str, bytes] = {}
+        self._map_id: int | None = None
+        keys = self.keys
+        answered = (keys.every_status, keys.every_config, keys.every_revision, keys.tiles)
         self._queryables = [self.session.declare_queryable(k, self._answer) for k in answered]
         self.published = 0
         #: Tiles without which no key can be made.
@@ -103,10 +107,18 @@ class Stand:
         if not logged.topic.startswith(begin):
             return None
         rest = logged.topic.removeprefix(begin)
-        if rest == TILES:
-            tile = records.tile(logged.payload)
-            rest = "/".join([TILES, tile.layer, *map(str, tile.index)])
-        return self.keys.below(rest)
+        return self._kept_tile(logged.payload) if rest == TILES else self.keys.below(rest)
+
+    def _kept_tile(self, payload: bytes) -> str:
+        """Keeps a tile of the map for queries; returns its key. The first tile of another map ends
+        the one before."""
+        tile = records.tile(payload)
+        key = self.keys.below("/".join([TILES, tile.layer, *map(str, tile.index)]))
+        if tile.map_id != self._map_id:
+            self._map_id = tile.map_id
+            self._tiles = {}
+        self._tiles[key] = payload
+        return key
 
     def _declare(self, key: str) -> None:
         """Declares an instance's token, for the key of its status or configuration."""
@@ -117,7 +129,7 @@ class Stand:
             self._tokens[who] = self.session.liveliness().declare_token(token)
 
     def _answer(self, query: Any) -> None:
-        for key, payload in list(self._newest.items()):
+        for key, payload in [*self._newest.items(), *self._tiles.items()]:
             if query.key_expr.intersects(_expression(key)):
                 query.reply(key, payload)
 
