@@ -22,6 +22,7 @@ class Robot:
 
     def __init__(self, cells: int) -> None:
         self._cells = np.ones((cells, 3), "<i2")
+        self.pose: dict[str, Any] | None = None
         self._lock = threading.Lock()
         self.answers = threading.Event()
         self.answers.set()
@@ -32,7 +33,7 @@ class Robot:
 
     def state(self) -> dict[str, Any]:
         self.says.wait(PATIENCE_S)
-        return {"pose": None, "kb_s": None, "map_version": 1}
+        return {"pose": self.pose, "kb_s": None, "map_version": 1, "age_s": 0.0, "rate": 10.0}
 
     def map_view(self) -> dict[str, Any]:
         with self._lock:
@@ -108,6 +109,25 @@ def test_a_slow_map_is_asked_for_once_and_holds_nothing_back(
         assert slow.most_open == 1
         slow.answers.set()
         browser.wait_for("map.cells.length === 3")
+
+
+def test_of_a_robot_that_does_not_answer_nothing_is_shown(
+    robots: Robots, url: str, tmp_path: Path
+) -> None:
+    """Not the state of the robot that was chosen before, as if it were of this one."""
+    pose = {"xyz": [1, 2, 3], "yaw_deg": 0, "sigma_m": None, "sweep": 7}
+    robots.all["a"].pose = {**pose, "health": "ok", "degenerate": False}
+    robots.all["b"].says.clear()
+    with Browser(url, tmp_path / "profile", 800, 600) as browser:
+        browser.wait_for("byId('health').textContent === 'ok' && map.cells.length === 3")
+        browser.value("document.querySelectorAll('#robots button')[1].click()")
+        browser.wait_for("chosen === 'b'")
+        shown = "['health', 'position', 'sweep', 'scale'].map((id) => byId(id).textContent).join()"
+        assert browser.value(shown) == "–,–,–,"
+        drawn = "byId('map').getContext('2d').getImageData(0, 0, 400, 200).data.some((v) => v > 0)"
+        assert not browser.value(drawn)
+        robots.all["b"].says.set()
+        browser.wait_for("byId('health').textContent === 'no pose yet'")
 
 
 def test_a_link_that_was_cut_is_told(robots: Robots, url: str, tmp_path: Path) -> None:

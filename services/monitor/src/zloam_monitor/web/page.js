@@ -63,7 +63,18 @@ function choose(name) {
   map = noMap();
   view.follow = true;
   showRobots();
+  clear();
   lookAgain(asking.signal);
+}
+
+// Nothing of the robot that was chosen before may be taken for a state of this one, whose answer may take long.
+function clear() {
+  for (const id of ["health", "position", "heading", "sigma", "rate", "sweep"]) byId(id).textContent = "–";
+  byId("health").className = "pill";
+  for (const id of ["stages", "findings", "legend", "scale"]) byId(id).replaceChildren();
+  for (const id of ["map", "latency"]) prepared(byId(id));
+  byId("connection").textContent = "connecting";
+  byId("connection").className = "";
 }
 
 function showRobots() {
