@@ -130,6 +130,15 @@ def test_of_a_robot_that_does_not_answer_nothing_is_shown(
         browser.wait_for("byId('health').textContent === 'no pose yet'")
 
 
+def test_a_robot_that_is_chosen_by_keyboard_keeps_the_focus(url: str, tmp_path: Path) -> None:
+    with Browser(url, tmp_path / "profile", 800, 600) as browser:
+        browser.wait_for("state !== null")
+        browser.value("document.querySelectorAll('#robots button')[1].focus()")
+        browser.value("document.activeElement.click()")
+        browser.wait_for("chosen === 'b'")
+        assert browser.value("document.activeElement.textContent") == "b"
+
+
 def test_a_link_that_was_cut_is_told(robots: Robots, url: str, tmp_path: Path) -> None:
     """Nothing comes, and nothing is refused: the page neither waits on nor says `connected`."""
     cut = robots.all["a"]

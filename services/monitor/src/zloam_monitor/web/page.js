@@ -86,7 +86,9 @@ function showRobots() {
     tab.addEventListener("click", () => choose(name));
     return tab;
   });
+  const focused = byId("robots").contains(document.activeElement);
   byId("robots").replaceChildren(...tabs);
+  if (focused) tabs[robots.indexOf(chosen)]?.focus();
 }
 
 // Looks until another robot is chosen, a second after the answers to the look before.
