@@ -183,5 +183,6 @@ def test_rerun_counts_what_can_not_be_read(monkeypatch: pytest.MonkeyPatch) -> N
     waiting: Any = SimpleNamespace(taken=lambda: samples(keys), close=lambda: None)
     goes_on = nullcontext(lambda: next(looks, False))
     monkeypatch.setattr(ending, "until_told", lambda _: goes_on)
-    assert rerun_view._draw(link, waiting, scene, None, "here") == 1
+    sink = rerun_view._Sink(None, rerun_view.Options(), None)
+    assert rerun_view._draw(link, waiting, scene, None, sink) == 1
     assert scene.garbage == 1

@@ -32,6 +32,8 @@ KEPT = "512MiB"
 APPLICATION = "zloam"
 HERE, EVERYWHERE = "127.0.0.1", "0.0.0.0"
 START_SECONDS = 20.0
+#: Interval at which a file is asked whether it takes what is written.
+FLUSH_SECONDS = 0.5
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,9 @@ class Viewer:
             time.sleep(0.1)
         raise ViewerError(f"Rerun does not answer after {START_SECONDS:.0f} s")
 
+    def has_ended(self) -> bool:
+        return self._process.poll() is not None
+
     def close(self) -> None:
         if self._process.poll() is None:
             self._process.terminate()
@@ -126,19 +131,55 @@ def _saved(recording: Any, path: Path, plan: Any) -> None:
         raise RecordingError(f"{path} can't be created: {error}") from error
 
 
+class _Sink:
+    """What takes the recording: a file, or Rerun's program."""
+
+    def __init__(self, recording: Any, options: Options, viewer: Viewer | None) -> None:
+        self._recording, self._options, self._viewer = recording, options, viewer
+        self._flushed_s = time.monotonic()
+
+    def __str__(self) -> str:
+        if self._options.save is not None:
+            return f"{self._options.save} (`rerun {self._options.save}` shows it)"
+        return self._options.page if self._options.web else "a window of Rerun"
+
+    def is_open(self) -> bool:
+        """False: the window was closed. Raises if the file or the server takes nothing more."""
+        if self._viewer is not None and self._viewer.has_ended():
+            if self._options.web:
+                raise ViewerError("Rerun's server has ended: start it again")
+            return False
+        if self._viewer is None and time.monotonic() - self._flushed_s > FLUSH_SECONDS:
+            self.flush()
+        return True
+
+    def flush(self) -> None:
+        """Rerun has no other error than this one for a file, and none that says why."""
+        self._flushed_s = time.monotonic()
+        try:
+            self._recording.flush()
+        except RuntimeError as error:
+            if self._options.save is not None:
+                raise RecordingError(
+                    f"{self._options.save} can't be written: {error}; is the disk full? What was "
+                    "written before is in it"
+                ) from error
+            # Ctrl-C on the terminal ends Rerun, too, which then shows nothing more.
+
+
 @contextlib.contextmanager
-def _shown(recording: Any, options: Options, plan: Any) -> Iterator[str]:
-    """Shows the recording during the block; yields a text that says where."""
+def _shown(recording: Any, options: Options, plan: Any) -> Iterator[_Sink]:
+    """Shows the recording during the block."""
     if options.save is not None:
         _saved(recording, options.save, plan)
-        yield f"{options.save} (`rerun {options.save}` shows it)"
+        yield _Sink(recording, options, None)
         return
     with contextlib.closing(Viewer(options)) as viewer:
         port = options.port + 1
         viewer.wait_for(options.host, port)
         recording.connect_grpc(f"rerun+http://{options.host}:{port}/proxy", default_blueprint=plan)
         try:
-            yield options.page if options.web else "a window of Rerun"
+            yield _Sink(recording, options, viewer)
         finally:
             recording.disconnect()
 
@@ -148,7 +189,7 @@ def view(link: Link, options: Options, seconds: float | None) -> int:
     rr = needed("rerun", "rerun-sdk")
     recording = rr.RecordingStream(APPLICATION, recording_id=f"{link.keys.robot}-{time.time_ns()}")
     mounting = se3.mounting_shown({} if link.thin else link.query_configs())
-    with _shown(recording, options, blueprint(rr)) as where:
+    with _shown(recording, options, blueprint(rr)) as sink:
         scene = Scene(link.keys, recording, mounting)
         intake = Intake(
             link.session,
@@ -160,8 +201,8 @@ def view(link: Link, options: Options, seconds: float | None) -> int:
             scene.keep_path(*link.query_path())
             for tile in link.query_tiles():
                 scene.keep(tile)
-        drawn = _draw(link, intake, scene, seconds, where)
-        recording.flush()
+        drawn = _draw(link, intake, scene, seconds, sink)
+        sink.flush()
     dropped = sum(intake.dropped.values())
     rate = link.taken.kb_s(time.monotonic())
     took = f"; this view took {rate:.1f} kB/s" if rate is not None else ""
@@ -170,15 +211,15 @@ def view(link: Link, options: Options, seconds: float | None) -> int:
     return 0
 
 
-def _draw(link: Link, intake: Intake, scene: Scene, seconds: float | None, where: str) -> int:
+def _draw(link: Link, intake: Intake, scene: Scene, seconds: float | None, sink: _Sink) -> int:
     line = ProgressLine()
     drawn = 0
     said: str | None = None
     # The preview's silence counts from here, as messages are received from now on.
     link.preview_s = time.monotonic()
     with ending.until_told(seconds) as goes_on:
-        print(f"{where}; Ctrl-C ends", flush=True)
-        while goes_on():
+        print(f"{sink}; Ctrl-C ends", flush=True)
+        while goes_on() and sink.is_open():
             now = time.monotonic()
             for sample in intake.taken():
                 scene.take(sample)
