@@ -182,6 +182,16 @@ def test_alerts_and_dashboard_ask_for_what_is_there() -> None:
         assert asked <= names, expression
 
 
+def test_the_dashboard_shows_each_of_several_robots() -> None:
+    """All of them are chosen at first: a stage that is down in one must not be hidden by another
+    robot's of the same name."""
+    for panel in json.loads((OBSERVABILITY / "dashboard.json").read_text())["panels"]:
+        for target in panel["targets"]:
+            assert "{{robot}}" in target["legendFormat"], panel["title"]
+            for labels in re.findall(r"\bby \(([^)]*)\)", target["expr"]):
+                assert "robot" in labels.split(", "), panel["title"]
+
+
 def test_reasons_of_drops_are_those_that_stages_count() -> None:
     known = set(re.findall(r'"(\w+)"', (ROOT / "services/common/runtime/account.cpp").read_text()))
     for alert in alerts():
