@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from zloam_monitor import cli, files, sessions
+from zloam_monitor import cli, clouds, files, sessions
 from zloam_monitor.failures import Misuse
 from zloam_monitor.maps import MapError
+from zloam_monitor.messages import MAP_POINT
 
 
 @pytest.fixture
@@ -46,6 +48,16 @@ def test_what_zloam_sessions_wrote_is_copied_whole(
     with pytest.raises(OSError, match=f"full{suffix}"):
         sessions.export(merged, full, 0.2)
     assert not full.exists()
+
+
+def test_intensities_that_las_does_not_hold_are_named(
+    merged: sessions.Merged, tmp_path: Path
+) -> None:
+    points = np.zeros(2, MAP_POINT)
+    points["x"], points["intensity"] = [0.0, 5.0], [0.25, 1.0]
+    clouds.write_pcd(merged.folder / sessions.POINTS, points, np.ones(2, np.uint8))
+    assert "are rounded to whole numbers" in sessions.export(merged, tmp_path / "town.las", 0.2)
+    assert sessions.export(merged, tmp_path / "town.ply", 0.2) == "2 points"
 
 
 def test_what_can_not_be_exported_is_refused_before_the_work(

@@ -87,6 +87,20 @@ def test_a_tile_that_cannot_be_read_is_missing_in_no_saved_map(tmp_path: Path) -
     assert not to.exists()
 
 
+@pytest.mark.parametrize(("suffix", "losses"), [(".laz", 1), (".pcd", 0)])
+def test_intensities_that_las_does_not_hold_are_named(
+    suffix: str, losses: int, tmp_path: Path
+) -> None:
+    points = np.zeros(5, MAP_POINT)
+    points["intensity"] = np.linspace(0.0, 1.0, 5)
+    robot = Robot([[Tile("plane", (0, 0, 0), 1, points, 7)]], 5)
+    saved = save(robot, tmp_path / f"town{suffix}")
+    assert len(saved.losses) == losses
+    assert ["intensities of 0 to 1 are rounded" in line for line in saved.lines()[1:]] == [
+        True
+    ] * losses
+
+
 def test_a_stage_whose_link_comes_up_late_is_waited_for(tmp_path: Path) -> None:
     robot = Robot([[], [], [tile(0, 5)]], 5)
     robot.lives_after = 2

@@ -33,12 +33,14 @@ class Saved:
     #: Points that the map had at least, by mapping's status. None: mapping did not say, and a part
     #: of the map may be missing.
     points_of_map: int | None
+    #: Texts about what the format does not hold.
+    losses: tuple[str, ...] = ()
 
     def lines(self) -> list[str]:
         """Text for a person."""
         until = "" if self.sweep is None else f", up to sweep {self.sweep} or later"
         what = f"{self.points} points of {self.tiles} tiles"
-        said = [f"{self.file}: {what} in {self.seconds:.1f} s{until}"]
+        said = [f"{self.file}: {what} in {self.seconds:.1f} s{until}", *self.losses]
         if self.points_of_map is None:
             said.append("  mapping did not say how many points its map has: a part may be missing")
         return said
@@ -72,7 +74,8 @@ def save(link: Link, to: Path, voxel_m: float | None) -> Saved:
     maps.write(to, found, _notes(link, map_id, told.sweep, voxel_m))
     took_s = time.monotonic() - began
     robot, count = link.keys.robot, len(found)
-    return Saved(to, robot, count, len(tiles), took_s, map_id, told.sweep, told.points)
+    losses = tuple(maps.losses(to, found))
+    return Saved(to, robot, count, len(tiles), took_s, map_id, told.sweep, told.points, losses)
 
 
 def _told(link: Link, patience: float, deadline: float) -> Told:

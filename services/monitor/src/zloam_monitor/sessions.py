@@ -107,4 +107,4 @@ def export(merged: Merged, to: Path, voxel_m: float) -> str:
         return f"{merged.report['sessions'][0]['submaps']} poses"
     points = maps.thinned(maps.read(merged.folder / POINTS), voxel_m)
     maps.write(to, points)
-    return f"{len(points)} points"
+    return "\n".join([f"{len(points)} points", *maps.losses(to, points)])
