@@ -65,6 +65,15 @@ def test_a_healthy_robot_has_nothing() -> None:
     assert findings(well()) == []
 
 
+@pytest.mark.parametrize("source", doctor.NOT_TURNING)
+def test_a_lidar_that_does_not_turn_has_no_rotation_rate(source: str) -> None:
+    """A scanner on a motor with sweeps of two seconds, clouds at 30 Hz: both are supported."""
+    configs = {**well().configs, "driver": {"driver.source": source}}
+    for steps in (20, 1 / 3):
+        poses = [replace(pose(n), instant_ns=round(n * steps * 1e8)) for n in range(20)]
+        assert findings(replace(well(), poses=poses, configs=configs)) == []
+
+
 def figures(**more: float) -> dict[str, float]:
     return {**status("driver", later=True).figures, **more}
 

@@ -22,6 +22,9 @@ from zloam_monitor.watch import STALE_SECONDS
 
 #: Plausible revolutions per second of a spinning lidar.
 SLOWEST_HZ, FASTEST_HZ = 4.5, 21.0
+#: driver.source of sweeps that no revolution of the lidar makes: a scanner on a motor, files of any
+#: lidar.
+NOT_TURNING = ("scip", "scip_log", "scans", "recording")
 #: Configuration values that must be the same in all stages of a robot.
 SHARED = ("robot", "sensor.", "mounting.")
 #: Mean size of a message below which shared memory is not worthwhile.
@@ -315,7 +318,8 @@ def _pace(heard: Heard) -> Iterator[Finding]:
         return
     steps = sorted(b - a for a, b in pairwise(instants))
     period_s = 1e-9 * steps[len(steps) // 2]
-    if period_s > 0 and not SLOWEST_HZ <= 1.0 / period_s <= FASTEST_HZ:
+    turns = heard.configs.get("driver", {}).get("driver.source") not in NOT_TURNING
+    if turns and period_s > 0 and not SLOWEST_HZ <= 1.0 / period_s <= FASTEST_HZ:
         yield Finding(
             f"the sensor turns {1.0 / period_s:.1f} times a second",
             "5 to 20 are expected: set its rotation rate on its own page",
