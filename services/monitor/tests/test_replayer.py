@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -181,6 +182,18 @@ def test_a_part_that_is_not_there_is_a_wrong_command_line(
     wanted = Options(log.parts[0], begin_s=begin_s, end_s=end_s)
     with pytest.raises(Misuse, match=rf"run\.mcap is 7\.5 s long: nothing lies from {begin_s:g} s"):
         replayer.replay(wanted)
+
+
+NAN = math.nan
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [Options(Path(), rate=NAN), Options(Path(), begin_s=NAN), Options(Path(), end_s=NAN)],
+)
+def test_what_is_no_number_is_refused(log: RobotLog, wrong: Options) -> None:
+    with pytest.raises(Misuse, match="not nan"):
+        replayer.replay(replace(wrong, path=log.parts[0]))
 
 
 def test_an_end_that_is_never_reached_is_that_of_the_recording(log: RobotLog) -> None:

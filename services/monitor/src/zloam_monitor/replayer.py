@@ -5,6 +5,7 @@ It replaces the robot: it has its stages' liveliness tokens, and answers queries
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -169,6 +170,8 @@ def _from(
 
 def _span(extent: Extent, options: Options) -> tuple[int, int]:
     """Begin and end of the wanted part in ns; raises Misuse if nothing lies between them."""
+    if any(map(math.isnan, (options.rate, options.begin_s, options.end_s or 0.0))):
+        raise Misuse("--rate, --from and --to: numbers are expected, not nan")
     # Limited first, as a user may write `inf`, of which no integer can be made.
     begin_ns = extent.begin_ns + round(1e9 * min(extent.seconds, options.begin_s))
     end_ns = extent.end_ns
