@@ -162,6 +162,19 @@ def test_a_strangers_instances_are_bounded() -> None:
     assert sum(name == "zloam_up" and ",mapping" in labels for name, labels in found) == 16
 
 
+def test_a_strangers_stages_are_bounded_and_end() -> None:
+    """Else each would be a time series, and an alert that it is silent, for ever."""
+    heard = Heard(
+        [status(f"odd{n}") for n in range(500)] + [status("mapping"), status("store")], []
+    )
+    up = {labels: value for (name, labels), value in samples(heard).items() if name == "zloam_up"}
+    assert sum("odd" in labels for labels in up) == 16
+    heard.silent = 6.0
+    up = {labels: value for (name, labels), value in samples(heard).items() if name == "zloam_up"}
+    assert [each for each in up if "odd" in each] == []
+    assert up["a,mapping"] == up["a,store"] == 0.0
+
+
 def alerts() -> list[dict[str, Any]]:
     (group,) = yaml.safe_load((OBSERVABILITY / "alerts.yml").read_text())["groups"]
     return list(group["rules"])

@@ -15,11 +15,13 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from zloam_monitor.link import Link
 from zloam_monitor.ports import not_listening
 from zloam_monitor.records import HEALTH, SERVICE_HEALTH, PoseRecord, StatusRecord
-from zloam_monitor.stages import STAGES
+from zloam_monitor.stages import ROWS, STAGES
 from zloam_monitor.watch import STALE_SECONDS
 
 #: Limit on instances of one stage; messages of more come from a stranger.
 MOST_INSTANCES = 16
+#: Limit on stages that services/stages.json does not name: of own programs, or a stranger's.
+MOST_OTHERS = 16
 #: Number of newest poses that its link keeps.
 KEPT_POSES = 600
 #: Name of a quantile in statuses -> value of the label.
@@ -74,16 +76,20 @@ def _is_fresh(age_s: float) -> bool:
 
 
 def _present(link: Link, now: float) -> list[tuple[StatusRecord, float]]:
-    """Statuses that are not stale, with their ages in s; of a stage without one, the newest. Other
-    instances have ended: what they said last would never end."""
+    """Statuses that are not stale, with their ages in s; of a stage of stages.json without one, the
+    newest. Other instances have ended: what they said last would never end."""
     by_stage: dict[str, list[tuple[StatusRecord, float]]] = {}
     for status in link.statuses.values():
         by_stage.setdefault(status.stage, []).append((status, link.silent_s(status, now)))
-    found = []
-    for each in by_stage.values():
+    found, others = [], 0
+    for stage, each in by_stage.items():
         each.sort(key=lambda of: of[1])
         fresh = [of for of in each if _is_fresh(of[1])]
-        found += fresh[:MOST_INSTANCES] or each[:1]
+        if stage in ROWS:
+            found += fresh[:MOST_INSTANCES] or each[:1]
+        elif fresh and others < MOST_OTHERS:
+            others += 1
+            found += fresh[:MOST_INSTANCES]
     return found
 
 
