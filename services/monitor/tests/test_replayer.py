@@ -258,3 +258,49 @@ def test_queries_for_the_map_are_answered(tmp_path: Path, monkeypatch: pytest.Mo
     assert asked(stand.keys.tiles_of("edge")) == []
     stand.put(Logged(TILE, "zloam.msg.MapTile", 0, tile(4, 1, 8)))
     assert asked(stand.keys.tiles) == [(keys[1], tile(4, 1, 8))]
+
+
+def test_an_instance_that_ended_is_not_alive_any_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else `zloam doctor` finds two instances of a stage that was started again at work."""
+    needs_schemas()
+    McapFile(tmp_path / "run.mcap", {**ABOUT, "part": "1"}).close()
+    alive: list[str] = []
+
+    def declare_token(key: str) -> Any:
+        alive.append(key.split("/")[-2])
+        return SimpleNamespace(undeclare=lambda: alive.remove(key.split("/")[-2]))
+
+    answer: list[Any] = []
+    session = SimpleNamespace(
+        put=lambda *_, **__: None,
+        declare_queryable=lambda _, each: answer.append(each),
+        liveliness=lambda: SimpleNamespace(declare_token=declare_token),
+    )
+    monkeypatch.setattr(replayer, "open_session", lambda *_: session)
+    monkeypatch.setattr(replayer.Stand, "_alone", lambda _: None)
+    stand = replayer.Stand(RobotLog(tmp_path / "run.mcap"), Options(Path()))
+
+    def says(instance: str, at_s: float, what: str = "status") -> None:
+        topic = f"loam/r/service/mapping/{instance}/{what}"
+        payload = compose.config("mapping", {})
+        if what == "status":
+            payload = compose.status("mapping", 1, 1, None, [], {}, instance=instance)
+        kind = "zloam.msg.Status" if what == "status" else "zloam.msg.EffectiveConfig"
+        stand.put(Logged(topic, kind, round(1e9 * at_s), payload))
+
+    # The configurations are from before the part that is replayed.
+    for name in ("mapping-1", "mapping-2"):
+        says(name, 0.0, "config")
+    says("mapping-1", 100.0)
+    assert alive == ["mapping-1", "mapping-2"]
+    for at_s in (104.0, 105.0, 106.0):
+        says("mapping-2", at_s)
+    assert alive == ["mapping-2"]
+    found: list[str] = []
+    wanted = zenoh.KeyExpr(stand.keys.below("service/mapping/**"))
+    answer[0](SimpleNamespace(key_expr=wanted, reply=lambda key, _: found.append(key)))
+    assert {key.split("/")[-2] for key in found} == {"mapping-2"}
+    says("mapping-1", 107.0)
+    assert alive == ["mapping-2", "mapping-1"]

@@ -19,9 +19,11 @@ from zloam_monitor.link import open_session
 from zloam_monitor.recordings import Refused
 from zloam_monitor.recordings.robot_log import Extent, Logged, RobotLog
 from zloam_monitor.terminal import ProgressLine
+from zloam_monitor.watch import STALE_SECONDS
 
 #: When the replay begins later, the newest of these messages before its begin come first.
 STANDING = ("zloam.msg.ConfigRevision", "zloam.msg.EffectiveConfig", "zloam.msg.MapTile")
+STATUS = "zloam.msg.Status"
 #: Time in which links come up, to the robot if it is present and to programs that wait.
 LINK_SECONDS = 1.0
 LOOK_SECONDS = 0.2
@@ -56,6 +58,8 @@ class Stand:
         self._alone()
         self._newest: dict[str, bytes] = {}
         self._tokens: dict[tuple[str, str], Any] = {}
+        #: (stage, instance) with a token -> time of its newest status; None: none has come yet.
+        self._heard_ns: dict[tuple[str, str], int | None] = {}
         self._encodings = {
             f"zloam.msg.{table}": messages.encoding(table) for table in messages.KINDS
         }
@@ -95,9 +99,9 @@ class Stand:
             return
         if key is None:
             return
-        if logged.schema in ("zloam.msg.Status", *STANDING[:2]):
+        if logged.schema in (STATUS, *STANDING[:2]):
             self._newest[key] = logged.payload
-            self._declare(key)
+            self._declare(key, logged.log_ns if logged.schema == STATUS else None)
         if logged.schema != "zloam.msg.EffectiveConfig":  # Stages only answer queries with it.
             self.session.put(key, logged.payload, encoding=self._encodings.get(logged.schema, ""))
         self.published += 1
@@ -121,18 +125,37 @@ class Stand:
         self._tiles[key] = payload
         return key
 
-    def _declare(self, key: str) -> None:
-        """Declares an instance's token, for the key of its status or configuration."""
-        parts = key.split("/")
-        who = (parts[-3], parts[-2])
-        if "service" in parts and who not in self._tokens:
+    def _declare(self, key: str, status_ns: int | None) -> None:
+        """Declares an instance's token, for the key of its status or configuration. One whose
+        statuses end has ended: the token goes, as it did then."""
+        who = _instance(key)
+        if who is None:
+            return
+        if who not in self._tokens:
             token = self.keys.below(f"service/{who[0]}/{who[1]}/alive")
             self._tokens[who] = self.session.liveliness().declare_token(token)
+        self._heard_ns.setdefault(who, None)
+        if status_ns is None:
+            return
+        self._heard_ns[who] = status_ns
+        for other, heard_ns in list(self._heard_ns.items()):
+            if heard_ns is None:
+                self._heard_ns[other] = status_ns
+            elif status_ns - heard_ns > 1e9 * STALE_SECONDS:
+                self._tokens.pop(other).undeclare()
+                del self._heard_ns[other]
 
     def _answer(self, query: Any) -> None:
         for key, payload in [*self._newest.items(), *self._tiles.items()]:
-            if query.key_expr.intersects(_expression(key)):
+            ended = (who := _instance(key)) is not None and who not in self._tokens
+            if not ended and query.key_expr.intersects(_expression(key)):
                 query.reply(key, payload)
+
+
+def _instance(key: str) -> tuple[str, str] | None:
+    """(stage, instance) of the key of a status or configuration; None: another key."""
+    parts = key.split("/")
+    return (parts[-3], parts[-2]) if "service" in parts else None
 
 
 def _expression(key: str) -> Any:
