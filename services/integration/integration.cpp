@@ -86,6 +86,7 @@ std::vector<std::uint64_t> Integrator::state() const {
   const std::uint64_t from = mapped_ ? mapped_->sweep : 0;
   Integrator kept(config_);
   kept.mapped_ = mapped_;
+  kept.contradiction_m_ = contradiction_m_;
   kept.steps_ = steps_;
   kept.last_odometry_ = last_odometry_;
   kept.last_fused_ = last_fused_;
@@ -176,13 +177,16 @@ void Integrator::follow_map(const Correction& correction) {
     const MappedPose now{p.sweep,       p.odom_epoch,
                          p.instant_ns,  normalised(correction.T_map_odom * p.T_odom_base),
                          p.T_odom_base, finite_or_zero(correction.covariance)};
+    contradiction_m_.setZero();
     if (is_located(correction.health) && mapped_ && mapped_->odom_epoch == now.odom_epoch &&
         mapped_->sweep < now.sweep) {
-      steps_.observe(mapped_->T_map_base.inverse() * now.T_map_base,
-                     mapped_->covariance + now.covariance,
-                     mapped_->T_odom_base.inverse() * now.T_odom_base,
-                     seconds(now.instant_ns - mapped_->instant_ns),
-                     static_cast<int>(now.sweep - mapped_->sweep));
+      const Pose by_map = mapped_->T_map_base.inverse() * now.T_map_base;
+      const Pose by_odometry = mapped_->T_odom_base.inverse() * now.T_odom_base;
+      const Matrix6 covariance = mapped_->covariance + now.covariance;
+      const int sweeps = static_cast<int>(now.sweep - mapped_->sweep);
+      contradiction_m_ = steps_.contradiction_m(by_map, covariance, by_odometry, sweeps);
+      steps_.observe(by_map, covariance, by_odometry, seconds(now.instant_ns - mapped_->instant_ns),
+                     sweeps);
     } else {
       steps_.forget_motion();
     }
@@ -325,6 +329,17 @@ Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* co
   return covariance;
 }
 
+// One of the two is wrong where the map contradicts an odometry that has been right so far, and which
+// one is not known: the pose may be off by all of their difference.
+Matrix6 Integrator::contradiction_at(const OdometryPose& pose, const Correction* correction) const {
+  Matrix6 covariance = Matrix6::Zero();
+  if (correction == nullptr || !mapped_ || mapped_->sweep != correction->sweep) return covariance;
+  const Eigen::Vector3d off_m =
+      pose.T_odom_base.linear().transpose() * mapped_->T_odom_base.linear() * contradiction_m_;
+  covariance.topLeftCorner<3, 3>() = off_m * off_m.transpose();
+  return covariance;
+}
+
 // Before the first correction the age counts from the run's first pose, which is as certain as the
 // map's frame itself.
 bool Integrator::old(const OdometryPose& pose, const Correction* correction) {
@@ -348,6 +363,7 @@ FusedPose Integrator::fuse(const OdometryPose& pose) {
   fused.twist_per_s = pose.twist_per_s;
   fused.covariance = covariance_at(pose, correction);
   place(pose, correction, fused);
+  fused.covariance += contradiction_at(pose, correction);
   fused.has_correction = correction != nullptr;
   fused.correction_sweep = correction != nullptr ? correction->sweep : 0;
   fused.weak = judged(pose, correction, fused.covariance);

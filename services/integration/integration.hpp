@@ -152,13 +152,14 @@ class Integrator {
   Matrix6 step_covariance(const OdometryPose& pose) const;
   Matrix6 covariance_after_break(const OdometryPose& pose) const;
   Matrix6 covariance_at(const OdometryPose& pose, const Correction* correction);
+  Matrix6 contradiction_at(const OdometryPose& pose, const Correction* correction) const;
   /// The map has not corrected the pose for long: the pose depends on the odometry alone.
   bool old(const OdometryPose& pose, const Correction* correction);
   void forget();
   template <class Bits>
   void each(Bits& bits) {
-    bits(recent_, corrections_, mapped_, steps_, last_odometry_, last_fused_, last_T_map_odom_,
-         first_epoch_, corrected_ns_);
+    bits(recent_, corrections_, mapped_, contradiction_m_, steps_, last_odometry_, last_fused_,
+         last_T_map_odom_, first_epoch_, corrected_ns_);
   }
 
   IntegrationConfig config_;
@@ -167,6 +168,8 @@ class Integrator {
   std::deque<OdometryPose> recent_;  // to carry a correction's covariance forward
   std::optional<std::uint64_t> newest_pose_;
   std::optional<MappedPose> mapped_;
+  /// of mapped_: StepFusion::contradiction_m()
+  Eigen::Vector3d contradiction_m_ = Eigen::Vector3d::Zero();
   StepFusion steps_;
   std::optional<OdometryPose> last_odometry_;
   std::optional<FusedPose> last_fused_;

@@ -7,37 +7,17 @@
 #include <limits>
 #include <string>
 
+#include "integration/test_poses.hpp"
+
 namespace zloam::integration {
 namespace {
 
+using test::along;
+using test::correction;
+using test::odometry;
 using testing::ElementsAre;
 using testing::IsEmpty;
 using testing::SizeIs;
-
-Pose along(double x, double yaw_deg = 0.0) {
-  return pose_from_xyz_rpy_deg({x, 0.0, 0.0}, {0.0, 0.0, yaw_deg});
-}
-
-OdometryPose odometry(std::uint64_t sweep, bool replay, std::uint32_t epoch = 0) {
-  OdometryPose pose;
-  pose.sweep = sweep;
-  pose.instant_ns = static_cast<std::int64_t>(sweep + 1) * 100'000'000;
-  pose.odom_epoch = epoch;
-  pose.T_odom_base = along(0.5 * static_cast<double>(sweep));
-  pose.twist_per_s << 5.0, 0, 0, 0, 0, 0;
-  pose.step_covariance = 1e-4 * Matrix6::Identity();
-  pose.replay = replay;
-  return pose;
-}
-
-Correction correction(std::uint64_t sweep, const Pose& T_map_odom, std::uint32_t epoch = 0) {
-  Correction c;
-  c.sweep = sweep;
-  c.odom_epoch = epoch;
-  c.T_map_odom = T_map_odom;
-  c.covariance = 4e-4 * Matrix6::Identity();
-  return c;
-}
 
 struct Row {
   std::uint32_t every, delay;
@@ -302,42 +282,6 @@ TEST(Integration, ALongGapIsBridgedByTheMotionOfSecondsOnly) {
     EXPECT_EQ(bridged.health, Health::kBridging);
     EXPECT_NEAR(bridged.T_map_base.translation().x(), gap.moved_m, 1e-9);
   }
-}
-
-// The pose in a new frame is that of the last one and a guess of the motion in between: not the
-// millimetres of one step.
-TEST(Integration, AGuessAcrossAGapIsUncertainByIt) {
-  Integrator integrator{IntegrationConfig{}};
-  integrator.add(odometry(0, false));
-  integrator.add(correction(0, along(1.0)));
-  const auto before = integrator.add(odometry(1, false)).at(0);
-  OdometryPose restarted = odometry(21, false, 1);
-  restarted.T_odom_base = Pose::Identity();
-  const auto bridged = integrator.add(restarted).at(0);
-  // Two seconds at an acceleration of 2 m/s^2.
-  EXPECT_NEAR(std::sqrt(bridged.covariance(0, 0)), 4.0, 0.01);
-  EXPECT_GT(bridged.covariance(0, 0), before.covariance(0, 0) + 16.0);
-  EXPECT_NEAR(std::sqrt(bridged.covariance(5, 5)), 0.6, 0.01);
-  restarted.sweep = 22;
-  EXPECT_GE(integrator.add(restarted).at(0).covariance(0, 0), bridged.covariance(0, 0))
-      << "until a correction comes";
-}
-
-TEST(Integration, CovarianceGrowsWithTheOdometrySinceTheCorrection) {
-  Integrator integrator{IntegrationConfig{}};
-  integrator.add(odometry(0, false));
-  integrator.add(correction(0, Pose::Identity()));
-  const auto one = integrator.add(odometry(1, false)).at(0);
-  const double step_m = IntegrationConfig{}.step_scale_m;
-  const double step = step_m * step_m * 1e-4;
-  // Along x the rotation error has no effect: 4e-4 of the correction plus the steps.
-  EXPECT_NEAR(one.covariance(0, 0), 4e-4 + step, 1e-12);
-  // Across, the correction's rotation error acts over the 0.5 m driven since.
-  EXPECT_NEAR(one.covariance(1, 1), 4e-4 + step + 0.25 * 4e-4, 1e-12);
-  const auto two = integrator.add(odometry(2, false)).at(0);
-  EXPECT_NEAR(two.covariance(0, 0), 4e-4 + 2.0 * step, 1e-12);
-  integrator.add(correction(2, Pose::Identity()));
-  EXPECT_NEAR(integrator.add(odometry(3, false)).at(0).covariance(0, 0), 4e-4 + step, 1e-12);
 }
 
 TEST(Integration, CarriesHealth) {

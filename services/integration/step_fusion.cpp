@@ -1,5 +1,6 @@
 #include "integration/step_fusion.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 
@@ -17,6 +18,10 @@ constexpr int kFewest = 5;
 // Lower limit of both errors: smaller ones cannot be told from errors of the mapped poses.
 constexpr double kFloor_m = 0.001;
 constexpr double kFloor_rad = 0.0002;
+
+// Limit of the squared Mahalanobis distance between the map's step and the odometry's: 99 % are below
+// if both covariances are right (chi-squared with three degrees of freedom).
+constexpr double kContradiction = 11.34;
 
 bool is_break(const Vector6& error) {
   // Written so that NaN is a break.
@@ -52,6 +57,16 @@ void StepFusion::observe(const Pose& mapped_step, const Matrix6& mapped_covarian
     if (!is_break(error)) map_.add(error);
   }
   twist_per_s_ = log_se3(mapped_step) / over_s;
+}
+
+Eigen::Vector3d StepFusion::contradiction_m(const Pose& mapped_step,
+                                            const Matrix6& mapped_covariance,
+                                            const Pose& odometry_step, int sweeps) const {
+  const Eigen::Vector3d error_m = log_se3(odometry_step.inverse() * mapped_step).head<3>();
+  const Eigen::Matrix3d expected = mapped_covariance.topLeftCorner<3, 3>() +
+                                   double(sweeps) * double(sweeps) * odometry_.translation();
+  const double squared = error_m.dot(expected.ldlt().solve(error_m));
+  return squared > kContradiction ? error_m : Eigen::Vector3d::Zero();
 }
 
 Pose StepFusion::step(const Pose& odometry_step, const Weak& weak, double over_s,

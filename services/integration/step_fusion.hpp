@@ -34,6 +34,10 @@ class StepFusion {
   /// the odometry measured odometry_step over this many sweeps.
   void observe(const Pose& mapped_step, const Matrix6& mapped_covariance, const Pose& odometry_step,
                double over_s, int sweeps);
+  /// What the errors of the odometry's steps so far do not explain of such a step: its difference
+  /// from the odometry's, a translation tangent at the mapped pose; zero if they explain it.
+  Eigen::Vector3d contradiction_m(const Pose& mapped_step, const Matrix6& mapped_covariance,
+                                  const Pose& odometry_step, int sweeps) const;
   /// The next mapped pose is not consecutive to the last one.
   void forget_motion() { twist_per_s_.reset(); }
 

@@ -73,5 +73,22 @@ TEST(StepFusion, WhereTheOdometryIsAloneItsErrorsCount) {
   EXPECT_NEAR(std::sqrt(fusion.covariance(0.6).value()(0, 0)), 0.1, 0.01);
 }
 
+TEST(StepFusion, AStepThatNoErrorSoFarExplainsIsAContradiction) {
+  StepFusion fusion;
+  const Matrix6 mapped = 1e-4 * Matrix6::Identity();
+  for (int i = 0; i < 20; ++i) {
+    fusion.observe(forward(i % 2 == 0 ? 0.81 : 0.79), mapped, forward(0.8), kPeriod_s, 1);
+  }
+  const auto off_m = [&](double mapped_m, int sweeps) {
+    return fusion.contradiction_m(forward(mapped_m), mapped, forward(0.8), sweeps).x();
+  };
+  EXPECT_EQ(off_m(0.83, 1), 0.0);
+  EXPECT_NEAR(off_m(0.9, 1), 0.1, 1e-12);
+  // Over ten sweeps it may have been off by ten times as much.
+  EXPECT_EQ(off_m(0.9, 10), 0.0);
+  EXPECT_NEAR(off_m(0.3, 1), -0.5, 1e-12);
+  EXPECT_EQ(off_m(std::nan(""), 1), 0.0);
+}
+
 }  // namespace
 }  // namespace zloam::integration
