@@ -361,18 +361,26 @@ Buffer MappingStage::cloud_message(const HeaderFields& header,
   return build(header, fields);
 }
 
+// "?heads": the tiles without their points, for a reader who gets one after the other at the pace of
+// its link. All at once pile up before a slow link, and Zenoh then closes this stage's.
 void MappingStage::answer_tiles(runtime::Answer& answer) {
   for (const VoxelTile& tile : left_voxels_) {
     const std::string key = voxel_key(tile.index);
     if (!key_matches(answer.key(), key)) continue;
     answer.reply(key, encoding_of(Key::kMapTile), voxel_message(last_header_, tile));
   }
+  const bool heads = answer.parameters() == "heads";
   for (const TileId& id : mapper_.tiles()) {
     const TileIndex& at = id.index;
     const std::string key = stage_.keys().tile(layer_name(id.layer), at.i, at.j, at.k);
     if (!key_matches(answer.key(), key)) continue;
-    const std::optional<Tile> tile = mapper_.tile(id);
-    if (tile) answer.reply(key, encoding_of(Key::kMapTile), tile_message(last_header_, *tile));
+    std::optional<Tile> tile = mapper_.tile(id);
+    if (!tile) continue;
+    if (heads) {
+      tile->points.clear();
+      tile->counts.clear();
+    }
+    answer.reply(key, encoding_of(Key::kMapTile), tile_message(last_header_, *tile));
   }
 }
 

@@ -20,6 +20,8 @@ from tests.integration.test_views import Program
 from tests.integration.views import fetched
 from zloam_monitor import messages, records
 from zloam_monitor.chain import Chain
+from zloam_monitor.clouds import Tile
+from zloam_monitor.map_copy import MapCopy
 from zloam_monitor.preview_map import Index, PreviewMap
 from zloam_monitor.stages import PORT_ORDER
 
@@ -82,8 +84,15 @@ def published_ns(payload: bytes) -> int:
     return int(header.Trace(header.TraceLength() - 1).PublishedNs())
 
 
+def versions(tiles: list[Tile]) -> dict[Any, int]:
+    return {(tile.layer, tile.index): tile.version for tile in tiles}
+
+
 def published_points(chain: Chain) -> NDArray[np.float64]:
     tiles = [t for t in chain.link.query_tiles() if len(t.points)]
+    copied = MapCopy(chain.link).update(60.0)
+    assert versions(copied) == versions(tiles)
+    assert sum(len(t.points) for t in copied) == sum(len(t.points) for t in tiles)
     axes = [[t.points[axis] for axis in "xyz"] for t in tiles]
     return np.concatenate([np.stack(each, axis=-1) for each in axes]).astype(np.float64)
 

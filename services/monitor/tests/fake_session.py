@@ -35,13 +35,22 @@ class FakeSession:
         #: Stages with a liveliness token.
         self.alive = alive
         self.rounds: dict[str, list[list[bytes]]] = {}
+        #: Key of a tile -> answers to a query for heads, which nothing else answers.
+        self.heads: dict[str, list[bytes]] = {}
+        #: Selectors of all queries, in order.
+        self.selectors: list[str] = []
         self.subscribers: dict[str, Any] = {}
 
     def config_key(self, stage: str) -> str:
         return self.keys.below(f"service/{stage}/{stage}-1/config")
 
     def get(self, selector: str, handler: Any = None, **_: Any) -> list[Any]:
-        asked = zenoh.KeyExpr(selector)
+        self.selectors.append(selector)
+        expression, _mark, parameters = selector.partition("?")
+        asked = zenoh.KeyExpr(expression)
+        if parameters == "heads":
+            there = [key for key in self.heads if asked.intersects(zenoh.KeyExpr(key))]
+            return [reply(key, each) for key in there for each in self.heads[key]]
         replies = []
         for key, rounds in self.rounds.items():
             if asked.intersects(zenoh.KeyExpr(key)):

@@ -11,6 +11,7 @@ from zloam_monitor.extras import needed
 from zloam_monitor.foxglove_scene import TOPICS, Scene, expressions
 from zloam_monitor.intake import MIB, Intake
 from zloam_monitor.link import Link
+from zloam_monitor.map_copy import START_S, MapCopy, lacks
 from zloam_monitor.ports import not_listening
 from zloam_monitor.terminal import ProgressLine, unreadable
 
@@ -50,8 +51,11 @@ class Server:
             link.session, expressions(link.keys), MOST_WAITING_BYTES, leave_out="oldest"
         )
         self._scene.keep_path(*link.query_path())
-        for tile in link.query_tiles():
+        copy = MapCopy(link)
+        for tile in copy.update(START_S):
             self._scene.keep(tile)
+        #: Tiles of the map that did not come in time.
+        self.lacking = copy.lacking
         self._again = 0.0
         #: Numbers of messages shown, and of those that could not be read.
         self.shown = self.garbage = 0
@@ -94,6 +98,8 @@ def serve(link: Link, address: str, port: int, seconds: float | None) -> int:
                 f"Foxglove WebSocket; import the layout {LAYOUT}); Ctrl-C ends",
                 flush=True,
             )
+            if said := lacks(server.lacking):
+                print(said, flush=True)
             while goes_on():
                 server.poll()
                 line.show(server.words())

@@ -96,6 +96,9 @@ class Keys:
         """Tiles of one layer; `*`: of every layer."""
         return self.below(f"map/tile/{layer}/**")
 
+    def tile(self, layer: str, index: tuple[int, int, int]) -> str:
+        return self.below("/".join([TILES, layer, *map(str, index)]))
+
     @property
     def submap(self) -> str:
         return self.below("map/submap")

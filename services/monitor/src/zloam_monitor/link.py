@@ -34,6 +34,8 @@ from zloam_monitor.traffic import Lateness, Published, Rate, Taken
 from zloam_monitor.trajectory import Trajectory, from_records
 
 QUERY_SECONDS = 5.0
+#: For all answers of tiles to one query.
+TILES_SECONDS = 20.0
 #: Time that a new link needs to come up; after that, an instance answers at once ...
 PATIENCE_SECONDS = 2.0
 #: ... unless its host is busy: an instance with a liveliness token is asked again for this long.
@@ -322,7 +324,10 @@ class Link:
         self, selector: str, seconds: float = QUERY_SECONDS, payload: bytes | None = None
     ) -> Iterator[bytes]:
         """Payloads of all answers to a query that are not errors."""
-        for reply in self.replies(selector, seconds, payload):
+        return self._payloads(self.replies(selector, seconds, payload))
+
+    def _payloads(self, replies: Any) -> Iterator[bytes]:
+        for reply in replies:
             if reply.ok is not None:
                 answer = reply.ok.payload.to_bytes()
                 self.taken.take(len(answer), time.monotonic())
@@ -424,6 +429,18 @@ class Link:
                 if kept is None or tile.version > kept.version:
                     newest[which] = tile
         return sorted(newest.values(), key=lambda tile: tile.map_id)
+
+    def tiles_at(self, selector: str) -> list[Tile]:
+        """The tiles that answer, below all other traffic; they may be dropped on a slow link."""
+        replies = self.session.get(
+            selector,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=TILES_SECONDS,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.DATA_LOW,
+        )
+        return list(self._decoded(records.tile, self._payloads(replies)))
 
     def trajectory(self) -> Trajectory:
         """Fused poses T_map_base that were received."""

@@ -18,8 +18,10 @@ import zenoh
 from numpy.typing import NDArray
 
 from zloam_monitor import doctor, se3, thin
+from zloam_monitor.clouds import Tile
 from zloam_monitor.heard import Finding
 from zloam_monitor.link import Link
+from zloam_monitor.map_copy import MapCopy
 from zloam_monitor.pose_health import position_sigma_m
 from zloam_monitor.records import PoseRecord, StatusRecord, pose_health
 from zloam_monitor.stages import ROWS, STAGES
@@ -27,6 +29,8 @@ from zloam_monitor.watch import STALE_SECONDS
 
 #: Time for which the doctor listens for its findings.
 LISTEN_SECONDS = 10.0
+#: Time for what has changed in the map; what does not come within it comes with the next look.
+MAP_SECONDS = 20.0
 #: Interval of a thin view's findings, which use received messages only.
 THIN_SECONDS = 1.0
 #: close() waits at most this long for each of the view's threads: a stage may hang.
@@ -62,6 +66,7 @@ class RobotView:
         self._link = link
         #: For queries: a link may be used by one thread only.
         self._asking = Link(link.session, link.keys, newest=0)
+        self._copy = MapCopy(self._asking)
         self._lock = threading.Lock()
         self._ends = threading.Event()
         self._path: list[tuple[int, float, float]] = []
@@ -151,7 +156,7 @@ class RobotView:
     def _ask(self) -> doctor.Answers:
         """Asks the robot for its map, and for what the doctor needs after LISTEN_SECONDS."""
         claims = self._asking.claims()
-        self._draw_map(_map_points(self._asking))
+        self._draw_map(_points(self._copy.update(MAP_SECONDS)))
         if self._ends.wait(LISTEN_SECONDS):
             raise CancelledError
         return doctor.Answers.of(self._asking, claims)
@@ -304,10 +309,9 @@ def _stage(stage: str, heard: tuple[StatusRecord, float] | None, now: float) -> 
     }
 
 
-def _map_points(link: Link) -> NDArray[Any]:
-    """Points of the map that answers to a query have, as rows x, y, z."""
-    tiles = link.query_tiles()
-    points = [t.points for t in tiles if t.map_id == tiles[-1].map_id and len(t.points)]
+def _points(tiles: list[Tile]) -> NDArray[Any]:
+    """Points of the tiles, as rows x, y, z."""
+    points = [tile.points for tile in tiles if len(tile.points)]
     found = [np.stack([each[axis] for axis in ("x", "y", "z")], axis=-1) for each in points]
     return np.concatenate(found) if found else np.empty((0, 3))
 

@@ -1,0 +1,80 @@
+"""A view's copy of a robot's map, at the pace of the link.
+
+The answers to a query for all tiles leave the robot at once. Before a slow link they pile up, and
+Zenoh then waits for seconds, and in the end closes the link of the stage that answers. A copy asks
+for the tiles' versions first, and then for one changed tile after the other; what is dropped on
+the way is missing until the next update.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from zloam_monitor.clouds import POINT_LAYERS, Tile
+from zloam_monitor.link import Link
+
+#: Parameter of the query for tiles without their points.
+HEADS = "heads"
+#: Time in which a view that starts gets the map.
+START_S = 60.0
+
+
+def lacks(tiles: int) -> str:
+    """What a person should know of tiles that did not come; empty: nothing."""
+    return f"{tiles} tiles of the map did not come in time; each is shown when it changes" * (
+        tiles > 0
+    )
+
+
+class MapCopy:
+    """The tiles of the newest map, as far as they came."""
+
+    def __init__(self, link: Link, layers: Sequence[str] = POINT_LAYERS) -> None:
+        self._link, self._layers = link, layers
+        self._tiles: dict[tuple[str, tuple[int, int, int]], Tile] = {}
+        self._map_id: int | None = None
+        #: Tiles that are missing, or not the newest version, after the last update.
+        self.lacking = 0
+
+    def update(self, seconds: float) -> list[Tile]:
+        """Gets the tiles that have changed, for at most about `seconds`; returns all."""
+        ends_s = time.monotonic() + seconds
+        heads = [head for layer in self._layers for head in self._heads(layer)]
+        self.lacking = 0
+        if not heads:
+            # Without mapping, which has the heads, a store may have the map; the newest is last.
+            self._keep(self._link.query_tiles(self._layers)[::-1])
+            return list(self._tiles.values())
+        # Of an old robot, which has no heads, these are the tiles.
+        self._keep([head for head in heads if len(head.points)])
+        wanted = [head for head in heads if not len(head.points) and self._is_newer(head)]
+        self.lacking = len(wanted)
+        for head in wanted:
+            if time.monotonic() > ends_s:
+                break
+            key = self._link.keys.tile(head.layer, head.index)
+            found = [tile for tile in self._link.tiles_at(key) if tile.map_id == head.map_id]
+            self._keep(found)
+            self.lacking -= not self._is_newer(head)
+        return list(self._tiles.values())
+
+    def _heads(self, layer: str) -> list[Tile]:
+        return self._link.tiles_at(f"{self._link.keys.tiles_of(layer)}?{HEADS}")
+
+    def _is_newer(self, tile: Tile) -> bool:
+        if tile.map_id != self._map_id:
+            return True
+        kept = self._tiles.get((tile.layer, tile.index))
+        return kept is None or tile.version > kept.version
+
+    def _keep(self, tiles: list[Tile]) -> None:
+        """The map of the first one; another map than before begins a new copy."""
+        for tile in tiles:
+            if tile.map_id != tiles[0].map_id:
+                continue
+            if tile.map_id != self._map_id:
+                self._map_id = tile.map_id
+                self._tiles = {}
+            if self._is_newer(tile):
+                self._tiles[(tile.layer, tile.index)] = tile

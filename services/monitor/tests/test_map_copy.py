@@ -1,0 +1,110 @@
+"""A view's copy of the map, which is got tile by tile."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fake_session import FakeSession, needs_schemas
+from zloam_monitor import compose
+from zloam_monitor.compose import HeaderValues
+from zloam_monitor.link import Link
+from zloam_monitor.map_copy import MapCopy, lacks
+from zloam_monitor.messages import MAP_POINT
+
+SECONDS = 60.0
+
+
+@pytest.fixture(autouse=True)
+def built() -> None:
+    needs_schemas()
+
+
+@pytest.fixture
+def session() -> FakeSession:
+    return FakeSession()
+
+
+def a_tile(i: int, version: int, points: int, map_id: int = 7) -> bytes:
+    header = HeaderValues(1, 0, 0, map_id=map_id)
+    return compose.tile(header, "plane", (i, 0, 0), np.zeros(points, MAP_POINT), version=version)
+
+
+def hold(session: FakeSession, i: int, version: int, points: int, map_id: int = 7) -> None:
+    """What mapping answers of one tile."""
+    key = session.keys.tile("plane", (i, 0, 0))
+    session.heads[key] = [a_tile(i, version, 0, map_id)]
+    session.rounds[key] = [[a_tile(i, version, points, map_id)]]
+
+
+def copy_of(session: FakeSession) -> MapCopy:
+    return MapCopy(Link(session, session.keys), ["plane"])
+
+
+def sizes(copy: MapCopy, seconds: float = SECONDS) -> dict[int, int]:
+    return {tile.index[0]: len(tile.points) for tile in copy.update(seconds)}
+
+
+def test_each_tile_is_got_by_itself_and_only_when_it_has_changed(session: FakeSession) -> None:
+    for i in range(3):
+        hold(session, i, version=1, points=5)
+    copy = copy_of(session)
+    assert sizes(copy) == {0: 5, 1: 5, 2: 5}
+    hold(session, 1, version=2, points=6)
+    session.selectors.clear()
+    assert sizes(copy) == {0: 5, 1: 6, 2: 5}
+    assert session.selectors == [
+        session.keys.tiles_of("plane") + "?heads",
+        session.keys.tile("plane", (1, 0, 0)),
+    ]
+    assert copy.lacking == 0
+    assert lacks(copy.lacking) == ""
+
+
+def test_what_was_dropped_on_the_way_is_told_and_asked_for_again(session: FakeSession) -> None:
+    for i in range(3):
+        hold(session, i, version=1, points=5)
+    lost = session.rounds[session.keys.tile("plane", (1, 0, 0))]
+    lost.insert(0, [])
+    copy = copy_of(session)
+    assert sizes(copy) == {0: 5, 2: 5}
+    assert lacks(copy.lacking).startswith("1 tiles of the map did not come")
+    assert sizes(copy) == {0: 5, 1: 5, 2: 5}
+    assert copy.lacking == 0
+
+
+def test_a_slow_link_ends_the_update_and_the_next_one_goes_on(session: FakeSession) -> None:
+    for i in range(3):
+        hold(session, i, version=1, points=5)
+    copy = copy_of(session)
+    assert sizes(copy, seconds=-1.0) == {}
+    assert copy.lacking == 3
+    assert len(sizes(copy)) == 3
+
+
+def test_another_map_begins_another_copy(session: FakeSession) -> None:
+    """Also one of a lower number: that of a merged map follows from its drives."""
+    for i in range(3):
+        hold(session, i, version=9, points=5)
+    copy = copy_of(session)
+    sizes(copy)
+    session.heads.clear()
+    hold(session, 1, version=1, points=4, map_id=6)
+    assert sizes(copy) == {1: 4}
+
+
+def test_the_store_may_still_have_an_older_tile(session: FakeSession) -> None:
+    hold(session, 0, version=5, points=5)
+    session.rounds[session.keys.tile("plane", (0, 0, 0))][0] += [
+        a_tile(0, version=4, points=4),
+        a_tile(0, version=40, points=3, map_id=3),
+    ]
+    assert sizes(copy_of(session)) == {0: 5}
+
+
+def test_a_store_alone_and_an_older_robot_have_no_heads(session: FakeSession) -> None:
+    key = session.keys.tile("plane", (0, 0, 0))
+    session.rounds[key] = [[a_tile(0, version=1, points=5)]]
+    assert sizes(copy_of(session)) == {0: 5}
+    session.heads[key] = [a_tile(0, version=2, points=6)]
+    assert sizes(copy_of(session)) == {0: 6}
