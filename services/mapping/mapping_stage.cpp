@@ -10,6 +10,7 @@
 #include "common/geometry/map_file.hpp"
 #include "common/messages/key_match.hpp"
 #include "common/runtime/recall.hpp"
+#include "mapping/io/tile_messages.hpp"
 
 namespace zloam::mapping {
 namespace {
@@ -336,19 +337,6 @@ void MappingStage::note_figures(const MappingResult& result) {
   stage_.figure("residual_m", result.residual_m);
   stage_.figure("inserted", result.inserted ? 1.0 : 0.0);
   stage_.figure("degenerate", result.degeneracy.degenerate ? 1.0 : 0.0);
-}
-
-Buffer MappingStage::tile_message(const HeaderFields& header, const Tile& tile) const {
-  MapTileFields fields;
-  fields.layer = layer_name(tile.id.layer);
-  fields.i = tile.id.index.i;
-  fields.j = tile.id.index.j;
-  fields.k = tile.id.index.k;
-  fields.edge_m = tile.edge_m;
-  fields.version = tile.version;
-  fields.points = tile.points;
-  fields.counts = tile.counts;
-  return build(header, fields);
 }
 
 Buffer MappingStage::cloud_message(const HeaderFields& header,

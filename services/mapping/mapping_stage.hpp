@@ -60,10 +60,8 @@ class MappingStage {
   void forget_published();
   void publish_registered(const Sweep& sweep, const MappingResult& result);
   void note_figures(const MappingResult& result);
-  Buffer tile_message(const HeaderFields& header, const Tile& tile) const;
   Buffer cloud_message(const HeaderFields& header, const std::vector<LayeredPoint>& points) const;
   void answer_tiles(runtime::Answer& answer);
-  Buffer voxel_message(const HeaderFields& header, const VoxelTile& tile) const;
   std::string voxel_key(const TileIndex& at) const;
   void publish_voxels(const Sweep& sweep, const std::vector<VoxelTile>& tiles);
   /// Re-inserts the sweeps that the earlier instance inserted after the store's last copy.
