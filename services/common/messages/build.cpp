@@ -250,7 +250,9 @@ Buffer build(const HeaderFields& header, const Submap& s) {
   Builder b(room_for(s.points.size() * (sizeof(MapPoint) + sizeof(std::uint64_t))));
   const auto points = put_points(b, std::span<const MapPoint>(s.points));
   const auto covariance = put_covariance(b, s.step_covariance);
-  const auto hits = b.CreateVector(s.hits);
+  // Of a map that an earlier version stored, none are known.
+  flatbuffers::Offset<flatbuffers::Vector<std::uint64_t>> hits;
+  if (s.hits.size() == s.points.size()) hits = b.CreateVector(s.hits);
   std::vector<msg::Vec3> places;
   for (const Eigen::Vector3d& p : s.origins) places.emplace_back(p.x(), p.y(), p.z());
   const auto origins = b.CreateVectorOfStructs(places);
