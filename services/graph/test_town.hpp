@@ -31,6 +31,8 @@ class TestTown {
   }
   explicit TestTown(std::vector<Wall> walls) : walls_(std::move(walls)), random_(1) {}
 
+  const std::vector<Wall>& walls() const { return walls_; }
+
   /// Points within 40 m, with 1 cm of noise; frame of the pose, whose z is 1.5 m above the ground.
   std::vector<MapPoint> seen_from(const Pose& T_world_base) {
     std::normal_distribution<double> noise(0.0, 0.01);

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "sessions/merged_files.hpp"
+#include "sessions/merged_store.hpp"
 #include "sessions/result_folder.hpp"
 
 namespace zloam::sessions {
@@ -32,7 +33,8 @@ Options parse(int argc, char** argv) {
       "zloam-sessions");
   app.footer(
       "Writes sessions.json, map.pcd, graph.g2o and submaps_1.tum, submaps_2.tum and so on, in the "
-      "frame of the first map. Exit codes: 0 all maps are joined; 1 something is missing: a map "
+      "frame of the first map, and the joined maps as a map to localize in. Exit codes: 0 all maps "
+      "are joined; 1 something is missing: a map "
       "has too little in common with the others and is left out of map.pcd, or is damaged; 2 wrong "
       "command line; 3 a file can't be read or "
       "written.");
@@ -48,14 +50,16 @@ Options parse(int argc, char** argv) {
   return options;
 }
 
-/// A map and its copy would confirm each other everywhere, and be counted as two drives.
+/// A map and its copy would confirm each other everywhere, and be counted as two drives. So would a
+/// merged map and one of those in it.
 void refuse_same(const std::vector<SavedMap>& maps, const SavedMap& map) {
   for (const SavedMap& other : maps) {
-    const bool is_same =
-        other.run == map.run && other.submaps.front().instant_ns == map.submaps.front().instant_ns;
-    if (!is_same) continue;
+    if (!common_run(other, map)) continue;
+    const bool is_same = other.run == map.run && other.submaps.size() == map.submaps.size() &&
+                         other.submaps.front().instant_ns == map.submaps.front().instant_ns;
     throw SavedMapError(other.folder.string() + " and " + map.folder.string() +
-                        " are one map, which the same run began: name it once");
+                        (is_same ? " are one map, which the same run began: name it once"
+                                 : " hold the same drive: name only one of them"));
   }
 }
 
@@ -87,6 +91,7 @@ void write(const Merged& found, const std::filesystem::path& folder) {
   std::string error = write_submap_poses(found, folder);
   if (error.empty()) error = write_g2o(found, folder / "graph.g2o");
   if (error.empty()) error = write_points(found, folder / "map.pcd");
+  if (error.empty()) error = write_store(found, folder);
   if (error.empty()) error = write_report(found, folder / "sessions.json");
   if (!error.empty()) throw std::runtime_error(error);
   out.keep();
@@ -113,6 +118,11 @@ int verdict(const Merged& found) {
     std::cerr << "zloam-sessions: the loops could not be fitted: poses are those of the maps\n";
     code = kIncomplete;
   }
+  for (const std::string& part : lacking(found)) {
+    std::cerr << "zloam-sessions: " << part << "\n";
+    code = kIncomplete;
+  }
+  for (const std::string& note : notes(found)) std::cerr << "zloam-sessions: " << note << "\n";
   return code;
 }
 

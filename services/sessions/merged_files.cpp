@@ -1,6 +1,7 @@
 #include "sessions/merged_files.hpp"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -51,13 +52,15 @@ json session_json(const Merged& merged, std::size_t session) {
   const SavedMap& map = merged.maps[session];
   std::size_t points = 0;
   for (const Submap& submap : map.submaps) points += submap.points.size();
+  // A merged map holds drives of the same time.
+  const auto [first, last] = std::ranges::minmax_element(map.submaps, {}, &Submap::instant_ns);
   json out = {{"folder", map.folder.string()},
               {"robot", map.robot},
               {"run", map.run},
               {"submaps", map.submaps.size()},
               {"points", points},
-              {"from_ns", map.submaps.front().instant_ns},
-              {"to_ns", map.submaps.back().instant_ns},
+              {"from_ns", first->instant_ns},
+              {"to_ns", last->instant_ns},
               {"unread_bytes", map.unread_bytes},
               {"unread_files", map.unread_files},
               {"unread_records", map.unread_records},
@@ -75,6 +78,16 @@ json session_json(const Merged& merged, std::size_t session) {
 }
 
 }  // namespace
+
+std::vector<Merged::Placed> Merged::placed() const {
+  std::vector<Placed> out;
+  std::vector<std::size_t> next_of(maps.size(), 0);
+  for (const graph::Node& node : graph.nodes()) {
+    const std::size_t index = next_of[node.session]++;
+    if (is_joined(node.session)) out.push_back({node.session, index, node.T_world_submap});
+  }
+  return out;
+}
 
 std::string write_submap_poses(const Merged& merged, const std::filesystem::path& folder) {
   for (std::size_t session = 0; session < merged.maps.size(); ++session) {
@@ -105,20 +118,17 @@ std::string write_g2o(const Merged& merged, const std::filesystem::path& path) {
 }
 
 std::string write_points(const Merged& merged, const std::filesystem::path& path) {
-  std::vector<std::pair<const Submap*, Pose>> parts;
+  const std::vector<Merged::Placed> parts = merged.placed();
+  const auto submap_of = [&](const Merged::Placed& part) -> const Submap& {
+    return merged.maps[part.session].submaps[part.index];
+  };
   std::size_t count = 0;
-  std::vector<std::size_t> next_of(merged.maps.size(), 0);
-  for (const graph::Node& node : merged.graph.nodes()) {
-    const Submap& submap = merged.maps[node.session].submaps[next_of[node.session]++];
-    if (!merged.is_joined(node.session)) continue;
-    parts.emplace_back(&submap, node.T_world_submap);
-    count += submap.points.size();
-  }
+  for (const Merged::Placed& part : parts) count += submap_of(part).points.size();
   std::size_t at = 0;
   return graph::write_world_map(path.string(), count, [&]() -> std::optional<graph::PlacedPoints> {
     if (at == parts.size()) return std::nullopt;
-    const auto& [submap, T_world_submap] = parts[at++];
-    return graph::PlacedPoints{submap->points, T_world_submap};
+    const Merged::Placed& part = parts[at++];
+    return graph::PlacedPoints{submap_of(part).points, part.T_world_submap};
   });
 }
 

@@ -18,6 +18,13 @@ struct Merged {
 
   /// Whether the session lies in the frame of the first one.
   bool is_joined(std::size_t session) const { return graph.frame_of(session) == 0; }
+  struct Placed {
+    /// maps[session].submaps[index]
+    std::size_t session = 0, index = 0;
+    Pose T_world_submap = Pose::Identity();
+  };
+  /// Submaps of the joined maps, map by map, in the frame of the first one.
+  std::vector<Placed> placed() const;
 };
 
 /// Each function returns an empty string, or a sentence that says what failed.

@@ -214,8 +214,9 @@ std::vector<bool> moving_points(const Submap& submap) {
   return moving;
 }
 
-Submap standing(const Submap& submap) {
-  const std::vector<bool> moving = moving_points(submap);
+Submap standing(const Submap& submap) { return without(submap, moving_points(submap)); }
+
+Submap without(const Submap& submap, const std::vector<bool>& moving) {
   Submap out = submap;
   out.points.clear();
   out.hits.clear();

@@ -17,6 +17,9 @@ namespace zloam::sessions {
 /// For each point whether it moved; all false if the submap does not contain which sweeps hit it.
 std::vector<bool> moving_points(const Submap& submap);
 
+/// The submap without these points; moving: for each of them.
+Submap without(const Submap& submap, const std::vector<bool>& moving);
+
 /// The submap without the moving points.
 Submap standing(const Submap& submap);
 
