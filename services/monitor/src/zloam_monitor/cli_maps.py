@@ -91,7 +91,8 @@ def map_merge(
 ) -> int:
     """Merge maps of several runs or robots into one frame, by the places that they share.
 
-    Writes map.pcd, graph.g2o, the submaps' poses and sessions.json, in the frame of the first map.
+    Writes map.pcd, graph.g2o, the submaps' poses and sessions.json, in the frame of the first map,
+    and the map itself: the folder is one for --map with --localize or --extend.
     Exit code 1: a map has too little in common with the others and is left out, or is damaged.
     """
     from zloam_monitor import answers, sessions
