@@ -93,6 +93,24 @@ def test_another_map_begins_another_copy(session: FakeSession) -> None:
     assert sizes(copy) == {1: 4}
 
 
+def test_a_replay_that_is_repeated_begins_the_copy_again(session: FakeSession) -> None:
+    """Its map has the same number, which follows from the capture."""
+    for i in range(3):
+        hold(session, i, version=9, points=5)
+    copy = copy_of(session)
+    assert sizes(copy) == {0: 5, 1: 5, 2: 5}
+    session.heads.clear()
+    hold(session, 0, version=1, points=2)
+    hold(session, 1, version=9, points=3)
+    assert sizes(copy) == {0: 2, 1: 3}
+    session.selectors.clear()
+    assert sizes(copy) == {0: 2, 1: 3}
+    assert session.selectors == [session.keys.tiles_of("plane") + "?heads"]
+    # Answers with all points, as those of `zloam replay`.
+    session.heads = {session.keys.tile("plane", (0, 0, 0)): [a_tile(0, version=0, points=4)]}
+    assert sizes(copy) == {0: 4}
+
+
 def test_the_store_may_still_have_an_older_tile(session: FakeSession) -> None:
     hold(session, 0, version=5, points=5)
     session.rounds[session.keys.tile("plane", (0, 0, 0))][0] += [

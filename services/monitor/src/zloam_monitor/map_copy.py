@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from zloam_monitor.clouds import POINT_LAYERS, Tile
 from zloam_monitor.link import Link
@@ -46,6 +47,7 @@ class MapCopy:
             # Without mapping, which has the heads, a store may have the map; the newest is last.
             self._keep(self._link.query_tiles(self._layers)[::-1])
             return list(self._tiles.values())
+        self._begin_again(heads)
         # Of an old robot, which has no heads, these are the tiles.
         self._keep([head for head in heads if len(head.points)])
         wanted = [head for head in heads if not len(head.points) and self._is_newer(head)]
@@ -61,6 +63,20 @@ class MapCopy:
 
     def _heads(self, layer: str) -> list[Tile]:
         return self._link.tiles_at(f"{self._link.keys.tiles_of(layer)}?{HEADS}")
+
+    def _begin_again(self, heads: list[Tile]) -> None:
+        """A mapping that was started again, or a replay that is repeated, has the same map with
+        lower versions: what it does not name is left out, and all others are got again."""
+        versions = {(h.layer, h.index): h.version for h in heads if h.map_id == self._map_id}
+        kept = self._tiles
+        if any(
+            version < kept[which].version for which, version in versions.items() if which in kept
+        ):
+            self._tiles = {
+                which: replace(tile, version=min(tile.version, versions[which] - 1))
+                for which, tile in kept.items()
+                if which in versions
+            }
 
     def _is_newer(self, tile: Tile) -> bool:
         if tile.map_id != self._map_id:
