@@ -115,10 +115,13 @@ bool Sequencer::in_reach_live(std::uint64_t beyond, std::int64_t now_ns) {
 }
 
 /// After a silence, far numbers that arrive in order are accepted: the machine was suspended, or
-/// the numbers followed so far were wrong. The sweeps in between do not count as lost.
+/// the numbers followed so far were wrong. The sweeps in between do not count as lost. Sparse ones
+/// are in order with any sweeps in between: otherwise a period that was measured over a step of the
+/// sensor's clock would refuse them for good.
 bool Sequencer::takes_up_far_numbers(const Message& message, std::int64_t now_ns) {
   const std::uint64_t sweep = message.header->sweep();
-  far_count_ = sweep == far_next_ ? far_count_ + 1 : 1;
+  const bool follows = sweep == far_next_ || (limits_.sparse && sweep > far_next_);
+  far_count_ = follows ? far_count_ + 1 : 1;
   far_next_ = sweep + 1;
   const bool silent = now_ns - accepted_ns_ >= kSilence_ns;
   if (replay_ || !silent || far_count_ < kEnoughFar || held() > 0) return false;

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <vector>
+
 #include "common/runtime/sequencer.hpp"
 #include "common/runtime/tests/sequencer_bench.hpp"
 
@@ -153,6 +155,25 @@ TEST(Sequencer, AFastSensorsMessagesOfSomeSweepsOnlyAreInReach) {
     }
     EXPECT_EQ(add(sweep + 1'000, 20), Drop::kInvalid);
   }
+}
+
+// The sensor finds its time source between the first two submaps: by their stamps a sweep lasts
+// 1.6 s.
+TEST(Sequencer, SparseMessagesGoOnAfterAStepOfTheSensorsClock) {
+  Sequencer s({.sweeps = SweepSet::kPublisherDecides, .sparse = true});
+  std::vector<std::uint64_t> refused;
+  for (std::uint64_t seq = 0; seq < 20; ++seq) {
+    const std::uint64_t sweep = 40 * (seq + 1);
+    const auto sweeps = static_cast<std::int64_t>(sweep);
+    const std::int64_t now = 1'000 * kMs + sweeps * 100 * kMs;
+    const std::int64_t stamp_ns = sweeps * 100 * kMs + (seq > 0 ? 60'000 * kMs : 0);
+    if (s.add(test::message({.sweep = sweep, .seq = seq, .period_ns = stamp_ns / sweeps}), now)) {
+      refused.push_back(seq);
+    } else {
+      EXPECT_TRUE(s.next(now)) << seq;
+    }
+  }
+  EXPECT_EQ(refused, (std::vector<std::uint64_t>{2, 3}));
 }
 
 // A link that stalled and then lost a part of the delayed messages.
