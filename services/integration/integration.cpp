@@ -66,6 +66,7 @@ void Integrator::reset() { *this = Integrator(config_); }
 void Integrator::new_run() {
   newest_pose_.reset();
   corrected_ns_.reset();
+  contradiction_m_.setZero();
   waiting_.clear();
   corrections_.clear();
   recent_.clear();

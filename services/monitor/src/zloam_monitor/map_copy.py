@@ -44,8 +44,7 @@ class MapCopy:
         heads = [head for layer in self._layers for head in self._heads(layer)]
         self.lacking = 0
         if not heads:
-            # Without mapping, which has the heads, a store may have the map; the newest is last.
-            self._keep(self._link.query_tiles(self._layers)[::-1])
+            self._keep(self._whole())
             return list(self._tiles.values())
         self._begin_again(heads)
         # Of an old robot, which has no heads, these are the tiles.
@@ -60,6 +59,14 @@ class MapCopy:
             self._keep(found)
             self.lacking -= not self._is_newer(head)
         return list(self._tiles.values())
+
+    def _whole(self) -> list[Tile]:
+        """All tiles at once. A store without a mapping may be asked for them, as its robot does not
+        run; where mapping lives, its heads were dropped, or it has none."""
+        if "mapping" not in self._link.living():
+            return self._link.query_tiles(self._layers)[::-1]  # The newest map is last.
+        found = [self._link.tiles_at(self._link.keys.tiles_of(layer)) for layer in self._layers]
+        return [tile for tiles in found for tile in tiles]
 
     def _heads(self, layer: str) -> list[Tile]:
         return self._link.tiles_at(f"{self._link.keys.tiles_of(layer)}?{HEADS}")

@@ -59,6 +59,8 @@ DERIVED = (
     "preview",
 )
 CONFIG, REVISION = (messages.KINDS[t].identifier for t in ("EffectiveConfig", "ConfigRevision"))
+#: Messages that each part begins with: a stranger may publish changes without end.
+MOST_STANDING = 10_000
 #: Health of instances that may have no configuration to ask for: standbys have none.
 WITHOUT_CONFIG = ("starting", "stopping")
 #: Health of an instance that says by itself that nothing more comes of it.
@@ -184,7 +186,8 @@ class Recorder:
         which = sample.key, sample.payload if sample.payload[4:8] == REVISION else b""
         if which not in self._standing:
             self._put(sample)
-        self._standing[which] = sample
+        if which in self._standing or len(self._standing) < MOST_STANDING:
+            self._standing[which] = sample
 
     def _opened(self) -> McapFile:
         number = len(self.parts) + 1
