@@ -118,7 +118,7 @@ class Stand:
         """Keeps a tile of the map for queries; returns its key. The first tile of another map ends
         the one before."""
         tile = records.tile(payload)
-        key = self.keys.below("/".join([TILES, tile.layer, *map(str, tile.index)]))
+        key = self.keys.tile(tile.layer, tile.index)
         if tile.map_id != self._map_id:
             self._map_id = tile.map_id
             self._tiles = {}
