@@ -12,7 +12,7 @@ namespace {
 
 using runtime::Effect;
 
-// Slower or faster than this, a pace is a mistake: a sweep in three minutes, or ten thousand a
+// Slower or faster than this, a pace is a mistake: at 10 Hz a sweep in 100 s, or ten thousand a
 // second.
 constexpr double kLeastRate = 1e-3;
 constexpr double kMostRate = 1e3;

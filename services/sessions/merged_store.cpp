@@ -1,11 +1,14 @@
 #include "sessions/merged_store.hpp"
 
+#include <xxhash.h>
+
 #include <algorithm>
 #include <exception>
 #include <optional>
 #include <set>
 #include <stdexcept>
 #include <utility>
+#include <vector>
 
 #include "common/messages/build.hpp"
 #include "common/messages/keys.hpp"
@@ -20,20 +23,15 @@ namespace fs = std::filesystem;
 // The first term of a mapping: any that extends the map has the same or a greater one.
 constexpr std::uint32_t kTerm = 1;
 
-/// Depends on the drives that are joined, and on their order (FNV-1a).
+/// Depends on the drives that are joined, and on their order.
 std::uint64_t map_id_of(const Merged& merged) {
-  std::uint64_t hash = 0xCBF29CE484222325;
-  const auto add = [&hash](std::uint64_t value) {
-    for (int shift = 0; shift < 64; shift += 8) {
-      hash = (hash ^ (value >> shift & 0xFFU)) * 0x100000001B3;
-    }
-  };
+  std::vector<std::uint64_t> drives;
   for (const Merged::Placed& placed : merged.placed()) {
     const SavedMap& map = merged.maps[placed.session];
-    add(map.headers[placed.index].run);
-    add(static_cast<std::uint64_t>(map.submaps[placed.index].instant_ns));
+    drives.push_back(map.headers[placed.index].run);
+    drives.push_back(static_cast<std::uint64_t>(map.submaps[placed.index].instant_ns));
   }
-  return std::max<std::uint64_t>(hash, 1);
+  return std::max<std::uint64_t>(XXH3_64bits(drives.data(), drives.size() * sizeof(drives[0])), 1);
 }
 
 /// The sessions whose cubes are in the merged map.

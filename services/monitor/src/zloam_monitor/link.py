@@ -321,28 +321,36 @@ class Link:
         return {s: status for s in STAGES if (status := self.stage(s)) is not None}
 
     def get(
-        self, selector: str, seconds: float = QUERY_SECONDS, payload: bytes | None = None
+        self,
+        selector: str,
+        seconds: float = QUERY_SECONDS,
+        payload: bytes | None = None,
+        gently: bool = False,
     ) -> Iterator[bytes]:
-        """Payloads of all answers to a query that are not errors."""
-        return self._payloads(self.replies(selector, seconds, payload))
-
-    def _payloads(self, replies: Any) -> Iterator[bytes]:
-        for reply in replies:
+        """Payloads of all answers to a query that are not errors. `gently`: below all other
+        traffic, and dropped before a slow link."""
+        for reply in self.replies(selector, seconds, payload, gently):
             if reply.ok is not None:
                 answer = reply.ok.payload.to_bytes()
                 self.taken.take(len(answer), time.monotonic())
                 yield answer
 
     def replies(
-        self, selector: str, seconds: float = QUERY_SECONDS, payload: bytes | None = None
+        self,
+        selector: str,
+        seconds: float = QUERY_SECONDS,
+        payload: bytes | None = None,
+        gently: bool = False,
     ) -> Any:
-        """All answers to a query, errors included."""
+        """All answers to a query, errors included; they have the query's priority."""
         return self.session.get(
             selector,
             payload=payload,
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=seconds,
+            congestion_control=zenoh.CongestionControl.DROP if gently else None,
+            priority=zenoh.Priority.DATA_LOW if gently else None,
         )
 
     def _decoded(self, read: Callable[[bytes], T], payloads: Iterable[bytes]) -> Iterator[T]:
@@ -432,15 +440,7 @@ class Link:
 
     def tiles_at(self, selector: str) -> list[Tile]:
         """The tiles that answer, below all other traffic; they may be dropped on a slow link."""
-        replies = self.session.get(
-            selector,
-            target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=TILES_SECONDS,
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.DATA_LOW,
-        )
-        return list(self._decoded(records.tile, self._payloads(replies)))
+        return list(self._decoded(records.tile, self.get(selector, TILES_SECONDS, gently=True)))
 
     def trajectory(self) -> Trajectory:
         """Fused poses T_map_base that were received."""

@@ -23,9 +23,9 @@ START_S = 60.0
 
 def lacks(tiles: int) -> str:
     """What a person should know of tiles that did not come; empty: nothing."""
-    return f"{tiles} tiles of the map did not come in time; each is shown when it changes" * (
-        tiles > 0
-    )
+    if tiles == 0:
+        return ""
+    return f"{tiles} tiles of the map did not come in time; each is shown when it changes"
 
 
 class MapCopy:
