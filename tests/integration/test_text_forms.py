@@ -36,6 +36,7 @@ VALUED = (
     "--from",
     "--connect",
     "--config",
+    "--out",
 )
 #: commands with subcommands
 GROUPS = ("map", "config")

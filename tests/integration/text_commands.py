@@ -108,7 +108,7 @@ COMMANDS: dict[str, Kind] = {
     "bin/zloam map merge out/monday out/tuesday --out out/week": Form(
         "tests/integration/test_sessions.py"
     ),
-    "zloam map merge out/town --out out/closed": Form("tests/integration/test_merged_map.py"),
+    "zloam map merge out/monday --out out/closed": Form("tests/integration/test_merged_map.py"),
     "bin/zloam map grid out/demo/map.pcd grid.yaml": Form(
         "services/monitor/tests/test_map_exports.py"
     ),
