@@ -1,9 +1,7 @@
 #include "graph/graph_stage.hpp"
 
 #include <algorithm>
-#include <array>
 #include <filesystem>
-#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "common/geometry/atomic_file.hpp"
@@ -42,7 +40,9 @@ GraphStage::GraphStage(runtime::Stage& stage, const GraphConfig& config)
   stage.inlet<msg::MapPose>(Key::kMapOdometry, options, [this](const PoseMessage& m) { take(m); });
   stage.answer(stage.keys().of(Key::kPathWorld), [this](runtime::Answer& a) { answer_path(a); });
   stage.answer(stage.keys().of(Key::kGraphLoop), [this](runtime::Answer& a) { answer_loops(a); });
-  // {"from_sweep": 120, "to_sweep": 870}: removes the loop between these two submaps.
+  // {"from_sweep": 120, "to_sweep": 870}: the loop between these two submaps; "force": true adds it
+  // whatever contradicts it.
+  stage.command("add", [this](const std::string& arguments) { return add(arguments); });
   stage.command("remove", [this](const std::string& arguments) { return remove(arguments); });
   stage.command("save", [this](const std::string&) { return save(); });
   stage.on_new_run([this](const msg::Header& first) { new_run(first); });
@@ -225,7 +225,22 @@ LoopFields GraphStage::fields_of(const Loop& loop) const {
 }
 
 void GraphStage::publish(const SubmapMessage& cause, const Update& update) {
-  for (const Loop& loop : update.loops) {
+  publish_loops(cause, update.loops);
+  if (update.revised) {
+    runtime::log_info("poses of the graph revised", {{"revision", graph_.revision()},
+                                                     {"sweep", cause.sweep()},
+                                                     {"moved_m", graph_.last_move_m()}});
+  }
+  stage_.figure("submaps", static_cast<double>(graph_.nodes().size()));
+  stage_.figure("loops", static_cast<double>(graph_.loops_in_force()));
+  stage_.figure("revision", graph_.revision());
+  note_fit();
+  last_ = cause;
+  publish_poses(cause);
+}
+
+void GraphStage::publish_loops(const SubmapMessage& cause, const std::vector<Loop>& loops) {
+  for (const Loop& loop : loops) {
     const LoopFields fields = fields_of(loop);
     const HeaderFields header = loops_.header(cause);
     loops_.publish(header, build(header, fields));
@@ -234,17 +249,6 @@ void GraphStage::publish(const SubmapMessage& cause, const Update& update) {
                            {{"from_sweep", fields.from_sweep}, {"to_sweep", fields.to_sweep}});
     }
   }
-  if (update.revised) {
-    runtime::log_info("loops closed", {{"revision", graph_.revision()},
-                                       {"sweep", cause.sweep()},
-                                       {"moved_m", graph_.last_move_m()}});
-  }
-  stage_.figure("submaps", static_cast<double>(graph_.nodes().size()));
-  stage_.figure("loops", static_cast<double>(graph_.loops_in_force()));
-  stage_.figure("revision", graph_.revision());
-  note_fit();
-  last_ = cause;
-  publish_poses(cause);
 }
 
 void GraphStage::note_fit() {
@@ -295,48 +299,6 @@ void GraphStage::answer_loops(runtime::Answer& answer) {
   for (const Loop& loop : graph_.loops()) {
     answer.reply(key, encoding_of(Key::kGraphLoop), build(header_, fields_of(loop)));
   }
-}
-
-runtime::CommandReply GraphStage::remove(const std::string& arguments_json) {
-  const auto arguments = nlohmann::json::parse(arguments_json.empty() ? "{}" : arguments_json);
-  constexpr std::array<const char*, 2> names = {"from_sweep", "to_sweep"};
-  std::array<std::uint64_t, 2> sweeps{};
-  for (std::size_t i = 0; i < names.size(); ++i) {
-    const auto found = arguments.find(names[i]);
-    if (found == arguments.end() || !found->is_number_unsigned()) {
-      return {false, std::string(names[i]) + " is missing, or no sweep's number", "{}"};
-    }
-    sweeps[i] = found->get<std::uint64_t>();
-    const auto is_its_frame = [&](const Node& n) { return n.sweep == sweeps[i]; };
-    if (std::ranges::none_of(graph_.nodes(), is_its_frame)) {
-      return {false, std::string(names[i]) + ": no submap has its frame there; see graph/poses",
-              "{}"};
-    }
-  }
-  const std::vector<Loop> loops = graph_.in_force(sweeps[0], sweeps[1]);
-  if (loops.size() > 1) {
-    return {false,
-            "several loops are in force between submaps of these sweeps, because the driver was "
-            "restarted in this map: none was removed",
-            "{}"};
-  }
-  if (loops.empty() || !graph_.remove(loops[0].from, loops[0].to)) {
-    return {false, "no loop is in force between these submaps", "{}"};
-  }
-  note_fit();
-  if (last_) publish_poses(*last_);
-  unsaved_ = true;
-  const nlohmann::json results = {{"revision", graph_.revision()},
-                                  {"loops", graph_.loops_in_force()}};
-  return {true, "loop removed", results.dump()};
-}
-
-runtime::CommandReply GraphStage::save() {
-  if (config_.output_dir.empty()) return {false, "no file: graph.output_dir is not set", "{}"};
-  const std::string error = write_files();
-  if (!error.empty()) return {false, error, "{}"};
-  const nlohmann::json results = {{"poses", path_.size()}, {"revision", graph_.revision()}};
-  return {true, "trajectory and map written to " + config_.output_dir, results.dump()};
 }
 
 std::string GraphStage::write_trajectory(const std::string& path) const {

@@ -47,6 +47,7 @@ class GraphStage {
   void take(const PoseMessage& message);
   void note_end(const msg::Header& header);
   void publish(const SubmapMessage& cause, const Update& update);
+  void publish_loops(const SubmapMessage& cause, const std::vector<Loop>& loops);
   void note_fit();
   void note_header(const runtime::Message& cause);
   void publish_poses(const SubmapMessage& cause);
@@ -54,7 +55,9 @@ class GraphStage {
   /// All loops that were ever candidates, with their present verdicts.
   void answer_loops(runtime::Answer& answer);
   LoopFields fields_of(const Loop& loop) const;
+  runtime::CommandReply add(const std::string& arguments_json);
   runtime::CommandReply remove(const std::string& arguments_json);
+  runtime::CommandReply with_loops(std::string message) const;
   runtime::CommandReply save();
   /// Empty, or a sentence that says what failed.
   std::string write_files();

@@ -46,7 +46,9 @@ bool LoopGraph::State::agrees(const Loop& a, const Loop& b) const {
 bool LoopGraph::State::confirm(const Loop& loop, std::vector<Loop>& decided) {
   std::vector<Loop*> bearing;
   for (Loop& other : loops) {
-    const bool counts = other.verdict == Verdict::kAccepted || other.verdict == Verdict::kAlone;
+    // What a user forced is no evidence.
+    const bool counts = !other.forced && (other.verdict == Verdict::kAccepted ||
+                                          other.verdict == Verdict::kAlone);
     if (counts && bears_out(loop, other)) bearing.push_back(&other);
   }
   return settle(loop, !bearing.empty(), bearing, decided);

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <utility>
 
-#include "graph/expectation.hpp"
 #include "graph/loop_graph_state.hpp"
 
 namespace zloam::graph {
@@ -30,7 +30,7 @@ std::vector<Eigen::Vector3f> points_near(const Submap& submap, double reach_m) {
 }
 
 Between factor_of(const Loop& loop) {
-  return {loop.from, loop.to, loop.T_from_to, loop.covariance, true};
+  return {loop.from, loop.to, loop.T_from_to, loop.covariance, !loop.forced};
 }
 
 }  // namespace
@@ -165,11 +165,44 @@ Loop* LoopGraph::State::contradiction(const std::vector<Pose>& poses) {
   Loop* worst = nullptr;
   double worst_chi2 = config.most_chi2;
   for (Loop& loop : loops) {
-    if (loop.verdict != Verdict::kAccepted) continue;
+    if (loop.verdict != Verdict::kAccepted || loop.forced) continue;
     const double off = chi2(factor_of(loop), poses[loop.from], poses[loop.to]);
     if (off > worst_chi2) worst = &loop, worst_chi2 = off;
   }
   return worst;
+}
+
+// Whether a node comes after the last loop in force of its session: no loop tells anything of its
+// motion since the node before.
+std::vector<bool> LoopGraph::State::behind_the_loops() const {
+  constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
+  std::vector<std::size_t> last(sessions.size(), kNone);
+  for (const Loop& loop : loops) {
+    if (loop.verdict != Verdict::kAccepted) continue;
+    for (const std::size_t end : {loop.from, loop.to}) {
+      std::size_t& of_session = last[nodes[end].session];
+      of_session = of_session == kNone ? end : std::max(of_session, end);
+    }
+  }
+  std::vector<bool> behind;
+  for (std::size_t i = 0; i < nodes.size(); ++i) {
+    const std::size_t end = last[nodes[i].session];
+    behind.push_back(end != kNone && i > end);
+  }
+  return behind;
+}
+
+// Nodes behind the loops follow the one before and are no part of the fit, so that the poses are
+// the same to the byte whenever it is made.
+Optimised LoopGraph::State::fitted_to_loops(const std::vector<Pose>& start) const {
+  const std::vector<bool> behind = behind_the_loops();
+  std::vector<Between> fit = factors(false);
+  std::erase_if(fit, [&](const Between& factor) { return behind[factor.to]; });
+  Optimised result = optimised(start, fit);
+  for (const Between& step : chain) {
+    if (behind[step.to]) result.poses[step.to] = result.poses[step.from] * step.T_from_to;
+  }
+  return result;
 }
 
 // Starts from mapping's poses each time, so that the result depends only on the loops in force.
@@ -179,7 +212,7 @@ bool LoopGraph::State::optimise(std::vector<Loop>& decided) {
   std::vector<Pose> poses = start.poses;
   fitted = true;
   while (contradicts(start.poses)) {
-    const Optimised result = optimised(start.poses, factors(false));
+    const Optimised result = fitted_to_loops(start.poses);
     fitted = result.converged;
     if (!fitted) return false;
     chi2_before = result.chi2_before;
@@ -228,9 +261,7 @@ Loop LoopGraph::State::of_submaps(Loop loop) const {
 // Decides on the best loop of the newest submap with connected submaps, and on that with submaps of
 // unknown relative pose. True: loops have come into force.
 bool LoopGraph::State::decide(std::size_t to, std::vector<Loop>& decided) {
-  std::vector<Pose> world;
-  for (const Place& place : places) world.push_back(place.T_world_place);
-  const auto known = uncertainties(to, world, factors(true));
+  const auto known = known_from(to);
   bool accepted = false;
   for (const auto& from : {candidates(to, known), strange_candidates(to, known)}) {
     const auto best = best_of(to, from, known, decided);

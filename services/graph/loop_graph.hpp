@@ -58,6 +58,8 @@ struct Loop {
   /// relative to the expectation when it was found
   double chi2 = 0.0;
   Verdict verdict = Verdict::kAlone;
+  /// by a user: in force whatever contradicts it, until it is removed
+  bool forced = false;
 };
 
 struct Node {
@@ -88,6 +90,12 @@ class LoopGraph {
 
   /// Takes submaps in the order of their sweeps in each session; sessions are numbered from 0.
   Update add(const Submap& submap, std::size_t session = 0);
+  /// A loop that a user names, between two submaps of one frame, from < to. The user stands for the
+  /// loop that would confirm it: if it fails another condition or contradicts a loop in force, all
+  /// stays as it was, and its verdict is in the update, last. forced: it comes into force at the
+  /// best match of the two unless they have nothing in common, and what contradicts it is taken
+  /// back until it is removed.
+  Update add_loop(std::size_t from, std::size_t to, bool forced);
   /// Takes a loop out of force permanently. False: there is none in force between these two.
   bool remove(std::size_t from, std::size_t to);
 

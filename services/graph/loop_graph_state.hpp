@@ -1,6 +1,7 @@
 #pragma once
 // State of a LoopGraph: its nodes and loops, the search for loops (loop_search.cpp), the decision
-// on them (loop_decision.cpp), and the fit (loop_graph.cpp). Not for other folders.
+// on them (loop_decision.cpp), loops that a user names (named_loop.cpp), and the fit
+// (loop_graph.cpp). Not for other folders.
 
 #include <algorithm>
 #include <cstddef>
@@ -49,7 +50,14 @@ struct LoopGraph::State {
   std::vector<Candidate> distinct(const std::vector<Candidate>& all, std::size_t most) const;
   std::optional<Loop> best_of(std::size_t to, const std::vector<Candidate>& candidates,
                               const std::vector<std::optional<Matrix6>>& known,
-                              std::vector<Loop>& looked_at);
+                              std::vector<Loop>& looked_at) const;
+  Loop verified(std::size_t to, const Candidate& candidate,
+                const std::vector<std::optional<Matrix6>>& known) const;
+  bool rivals(const Loop& loop, const Loop& other) const;
+  std::vector<std::optional<Matrix6>> known_from(std::size_t to) const;
+  std::vector<Candidate> guesses(std::size_t from, std::size_t to) const;
+  Loop named(std::size_t from, std::size_t to) const;
+  bool comes_into_force(const Loop& loop, Update& update);
   bool agrees(const Loop& a, const Loop& b) const;
   bool bears_out(const Loop& a, const Loop& b) const;
   bool confirm(const Loop& loop, std::vector<Loop>& decided);
@@ -66,6 +74,8 @@ struct LoopGraph::State {
   bool optimise(std::vector<Loop>& decided);
   bool move_to(const std::vector<Pose>& poses);
   std::vector<Between> factors(bool with_drift) const;
+  std::vector<bool> behind_the_loops() const;
+  Optimised fitted_to_loops(const std::vector<Pose>& start) const;
 
   GraphConfig config;
   std::vector<Node> nodes;

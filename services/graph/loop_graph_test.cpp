@@ -139,6 +139,88 @@ TEST(LoopGraph, WithoutALoopAllIsAsIfItHadNeverBeen) {
   }
 }
 
+std::vector<Eigen::Matrix4d> world_of(const LoopGraph& graph) {
+  std::vector<Eigen::Matrix4d> poses;
+  for (const Node& node : graph.nodes()) poses.push_back(node.T_world_submap.matrix());
+  return poses;
+}
+
+std::vector<std::pair<std::size_t, std::size_t>> ends_in_force(const LoopGraph& graph) {
+  std::vector<std::pair<std::size_t, std::size_t>> ends;
+  for (const Loop& loop : graph.loops()) {
+    if (loop.verdict == Verdict::kAccepted) ends.emplace_back(loop.from, loop.to);
+  }
+  std::ranges::sort(ends);
+  return ends;
+}
+
+TEST(LoopGraph, ALoopThatAUserNamesIsVerified) {
+  TestTown town(6);
+  const TestDrive driven = drive(town, rounds(40.0, 2), 0.1, 0.006, 6);
+  Ran ran = run(driven);
+  const auto before = world_of(ran.graph);
+  const Loop first = remove_one(ran.graph);
+  ASSERT_NE(world_of(ran.graph), before);
+  const Update added = ran.graph.add_loop(first.from, first.to, false);
+  EXPECT_EQ(added.loops.back().verdict, Verdict::kAccepted);
+  EXPECT_TRUE(added.revised);
+  const Pose real = driven.truth[first.from].inverse() * driven.truth[first.to];
+  const Pose& found = added.loops.back().T_from_to;
+  EXPECT_LT((found.translation() - real.translation()).norm(), 0.1);
+}
+
+/// A submap of the second round on the other side of the town than `from`.
+std::size_t opposite(const TestDrive& driven, std::size_t from) {
+  std::size_t farthest = driven.truth.size() / 2;
+  const auto distance = [&](std::size_t i) {
+    return (driven.truth[i].translation() - driven.truth[from].translation()).norm();
+  };
+  for (std::size_t i = farthest; i < driven.truth.size(); ++i) {
+    if (distance(i) > distance(farthest)) farthest = i;
+  }
+  return farthest;
+}
+
+TEST(LoopGraph, AFalseLoopThatAUserNamesIsRefused) {
+  for (unsigned seed = 1; seed <= 3; ++seed) {
+    TestTown town(seed);
+    const TestDrive driven = drive(town, rounds(40.0, 2), 0.1, 0.006, seed);
+    Ran ran = run(driven);
+    const auto before = world_of(ran.graph);
+    const auto ends = ends_in_force(ran.graph);
+    for (std::size_t from = 0; from < 20; from += 5) {
+      const Update update = ran.graph.add_loop(from, opposite(driven, from), false);
+      EXPECT_NE(update.loops.back().verdict, Verdict::kAccepted) << seed << " from " << from;
+      EXPECT_EQ(world_of(ran.graph), before) << seed << " from " << from;
+      EXPECT_EQ(ends_in_force(ran.graph), ends) << seed << " from " << from;
+    }
+  }
+}
+
+TEST(LoopGraph, AForcedLoopHoldsUntilItIsRemovedAndLeavesNothing) {
+  std::size_t forced = 0;
+  for (unsigned seed = 1; seed <= 3; ++seed) {
+    TestTown town(seed);
+    const TestDrive driven = drive(town, rounds(40.0, 2), 0.1, 0.006, seed);
+    Ran ran = run(driven);
+    const auto before = world_of(ran.graph);
+    const auto ends = ends_in_force(ran.graph);
+    for (std::size_t from = 0; from < 20; from += 5) {
+      const std::size_t to = opposite(driven, from);
+      if (ran.graph.add_loop(from, to, true).loops.back().verdict != Verdict::kAccepted) continue;
+      ++forced;
+      const Node &a = ran.graph.nodes()[from], &b = ran.graph.nodes()[to];
+      const double apart_m =
+          (a.T_world_submap.translation() - b.T_world_submap.translation()).norm();
+      EXPECT_LT(apart_m, 30.0) << seed << " from " << from;
+      ASSERT_TRUE(ran.graph.remove(from, to));
+      EXPECT_EQ(world_of(ran.graph), before) << seed << " from " << from;
+      EXPECT_EQ(ends_in_force(ran.graph), ends) << seed << " from " << from;
+    }
+  }
+  EXPECT_GT(forced, 3U);
+}
+
 TEST(LoopGraph, ALoopIsNamedBySweepsOfTwoRunsThatAreNumberedAlike) {
   TestTown town(6);
   TestDrive driven = drive(town, rounds(40.0, 2), 0.1, 0.006, 6);

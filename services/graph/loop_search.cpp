@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "graph/expectation.hpp"
 #include "graph/loop_graph_state.hpp"
@@ -22,6 +23,10 @@ constexpr double kSameGuess_m = 4.0;
 // Number of places of sessions with unknown relative pose that are verified.
 constexpr std::size_t kStrangeCandidates = 8;
 
+// Headings from which a submap is matched at the place of another: from half the angle between two
+// of them, matching converges.
+constexpr int kHeadings = 8;
+
 Pose turned_by(double yaw_rad) {
   Pose out = Pose::Identity();
   out.linear() = Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix();
@@ -34,6 +39,12 @@ bool is_same(const Pose& a, const Pose& b) {
 }
 
 }  // namespace
+
+std::vector<std::optional<Matrix6>> LoopGraph::State::known_from(std::size_t to) const {
+  std::vector<Pose> world;
+  for (const Place& place : places) world.push_back(place.T_world_place);
+  return uncertainties(to, world, factors(true));
+}
 
 std::vector<LoopGraph::State::Candidate> LoopGraph::State::candidates(
     std::size_t to, const std::vector<std::optional<Matrix6>>& known) const {
@@ -71,6 +82,19 @@ std::optional<LoopGraph::State::Candidate> LoopGraph::State::seen_from(std::size
   return Candidate{from, guess, match.agreeing};
 }
 
+// Where the newer of two submaps that a user names may lie in the older one: as the graph has it, as
+// both look from above, and at the same place.
+std::vector<LoopGraph::State::Candidate> LoopGraph::State::guesses(std::size_t from,
+                                                                   std::size_t to) const {
+  std::vector<Candidate> out;
+  out.push_back({from, places[from].T_world_place.inverse() * places[to].T_world_place, 0});
+  if (const auto seen = seen_from(from, to)) out.push_back(*seen);
+  for (int i = 0; i < kHeadings; ++i) {
+    out.push_back({from, turned_by(2.0 * std::numbers::pi * i / kHeadings), 0});
+  }
+  return out;
+}
+
 // Candidates in sessions whose pose relative to this one is unknown.
 std::vector<LoopGraph::State::Candidate> LoopGraph::State::strange_candidates(
     std::size_t to, const std::vector<std::optional<Matrix6>>& known) const {
@@ -101,45 +125,52 @@ std::vector<LoopGraph::State::Candidate> LoopGraph::State::distinct(
   return out;
 }
 
+Loop LoopGraph::State::verified(std::size_t to, const Candidate& candidate,
+                                const std::vector<std::optional<Matrix6>>& known) const {
+  const Overlap overlap = matched(places[candidate.from].surfaces, places[to].surfaces,
+                                  candidate.guess, config.verify);
+  Loop loop;
+  loop.from = candidate.from;
+  loop.to = to;
+  loop.T_from_to = overlap.T_a_b;
+  loop.covariance = overlap.covariance;
+  loop.overlap = overlap.share;
+  loop.residual_m = overlap.residual_m;
+  if (const auto& uncertainty = known[loop.from]) {
+    const Pose expected = places[loop.from].T_world_place.inverse() * places[to].T_world_place;
+    loop.chi2 = squared_distance(expected, loop.T_from_to, *uncertainty + loop.covariance);
+  }
+  loop.verdict = loop.overlap < config.verify.overlap                  ? Verdict::kLittleOverlap
+                 : overlap.weakest_share < config.verify.weakest_share ? Verdict::kWeak
+                 : !(loop.chi2 < config.most_chi2)                     ? Verdict::kImpossible
+                                                                       : Verdict::kAlone;
+  return loop;
+}
+
+// Whether another verified loop puts the newer submap at another place, and is nearly as good.
+bool LoopGraph::State::rivals(const Loop& loop, const Loop& other) const {
+  if (other.verdict != Verdict::kAlone) return false;
+  const Pose here = places[loop.from].T_world_place * loop.T_from_to;
+  const Pose there = places[other.from].T_world_place * other.T_from_to;
+  return !is_same(here, there) && other.overlap > config.verify.unique_share * loop.overlap;
+}
+
 std::optional<Loop> LoopGraph::State::best_of(std::size_t to,
                                               const std::vector<Candidate>& candidates,
                                               const std::vector<std::optional<Matrix6>>& known,
-                                              std::vector<Loop>& looked_at) {
+                                              std::vector<Loop>& looked_at) const {
   std::vector<Loop> all;
-  for (const Candidate& candidate : candidates) {
-    const Overlap overlap = matched(places[candidate.from].surfaces, places[to].surfaces,
-                                    candidate.guess, config.verify);
-    Loop loop;
-    loop.from = candidate.from;
-    loop.to = to;
-    loop.T_from_to = overlap.T_a_b;
-    loop.covariance = overlap.covariance;
-    loop.overlap = overlap.share;
-    loop.residual_m = overlap.residual_m;
-    if (const auto& uncertainty = known[loop.from]) {
-      const Pose expected = places[loop.from].T_world_place.inverse() * places[to].T_world_place;
-      loop.chi2 = squared_distance(expected, loop.T_from_to, *uncertainty + loop.covariance);
-    }
-    loop.verdict = loop.overlap < config.verify.overlap                  ? Verdict::kLittleOverlap
-                   : overlap.weakest_share < config.verify.weakest_share ? Verdict::kWeak
-                   : !(loop.chi2 < config.most_chi2)                     ? Verdict::kImpossible
-                                                                         : Verdict::kAlone;
-    all.push_back(loop);
-  }
+  for (const Candidate& candidate : candidates) all.push_back(verified(to, candidate, known));
   const Loop* best = nullptr;
   for (const Loop& loop : all) {
     if (loop.verdict == Verdict::kAlone && (!best || loop.overlap > best->overlap)) best = &loop;
   }
   std::optional<Loop> out;
   if (best) out = *best;
-  for (Loop& loop : all) {
+  for (const Loop& loop : all) {
     if (&loop == best) continue;
     if (best && loop.verdict == Verdict::kAlone) {
-      const Pose here = places[best->from].T_world_place * best->T_from_to;
-      const Pose there = places[loop.from].T_world_place * loop.T_from_to;
-      const bool rival =
-          !is_same(here, there) && loop.overlap > config.verify.unique_share * best->overlap;
-      if (rival) out->verdict = Verdict::kNotUnique;
+      if (rivals(*best, loop)) out->verdict = Verdict::kNotUnique;
       continue;
     }
     looked_at.push_back(loop);

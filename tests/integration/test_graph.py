@@ -13,7 +13,7 @@ from tests.integration.conftest import Capture, digests, kill, monitor, simulate
 from tests.integration.replay_run import chain_of
 from zloam_monitor import clouds, messages, trajectory
 from zloam_monitor.chain import Chain
-from zloam_monitor.records import ReplyRecord
+from zloam_monitor.loops import LoopRecord, add, known, remove
 
 #: A poor sensor, with a map that forgets what is behind: the second round meets no old map, so
 #: drift shows.
@@ -22,8 +22,6 @@ FORGETS = "mapping.voxel_planes.keep_radius_m=25"
 POSES = ("trajectory.tum", "trajectory.kitti", "odometry.tum", "map.pcd")
 #: sweeps that pass while the graph is dead
 MISSED = 40
-#: value in LoopVerdict
-ACCEPTED = 0
 WORLD = ("trajectory_world.tum", "map_world.pcd")
 ONE_ROUND = ("--world", "city", "--seed", "5", "--speed-factor", "1.6")
 #: size of the cells in which a wall is a plane, and the fewest points from which its thickness is
@@ -147,26 +145,37 @@ def takes_a_loop_out(chain: Chain, payload: bytes) -> None:
     corrected = messages.struct_vector(path, "Poses", messages.STAMPED_POSE)
     assert len(corrected) == len(chain.link.mapped)
 
-    def in_force() -> list[tuple[int, int]]:
-        answers = chain.link.get(chain.link.keys.graph_loop)
-        found = [messages.decode("Loop", each) for each in answers]
-        return [(m.FromSweep(), m.ToSweep()) for m in found if m.Verdict() == ACCEPTED]
-
-    loops = in_force()
-    assert poses.Loops() == len(loops) > 15
-
-    def remove(ends: tuple[int, int]) -> ReplyRecord:
-        arguments = {"from_sweep": ends[0], "to_sweep": ends[1]}
-        reply = chain.link.command("graph", "remove", arguments)
-        assert reply is not None
-        return reply
-
+    found = known(chain.link)
+    in_force = [loop for loop in found if loop.verdict == "accepted"]
+    assert poses.Loops() == len(in_force) > 15
+    first = in_force[0]
+    adds_and_removes(chain, first)
+    # Half a round farther is no place of the beginning: refused, and no pose moves.
+    moved = next(iter(chain.link.get(chain.link.keys.path_world)))
+    false = add(chain.link, first.from_sweep, in_force[len(in_force) // 2].to_sweep, force=False)
+    assert not false.ok
+    assert "refused: " in false.message
+    assert next(iter(chain.link.get(chain.link.keys.path_world))) == moved
     # Loops that were taken back because of one that is removed count again.
-    while left := in_force():
-        assert remove(left[0]).ok
-    again = remove(loops[0])
+    while left := [loop for loop in known(chain.link) if loop.verdict == "accepted"]:
+        assert remove(chain.link, left[0].from_sweep, left[0].to_sweep).ok
+    again = remove(chain.link, first.from_sweep, first.to_sweep)
     assert not again.ok
     assert "no loop is in force" in again.message
-    unknown = remove((1, 2))
+    unknown = remove(chain.link, 1, 2)
     assert not unknown.ok
     assert "from_sweep" in unknown.message
+
+
+def adds_and_removes(chain: Chain, loop: LoopRecord) -> None:
+    """A loop that is taken out and named again is verified again; a loop is not added twice."""
+    ends = (loop.from_sweep, loop.to_sweep)
+    assert not add(chain.link, *ends, force=False).ok
+    assert remove(chain.link, *ends).ok
+    assert {each.verdict for each in known(chain.link) if each.from_sweep == ends[0]} >= {"removed"}
+    named = add(chain.link, *ends, force=False)
+    assert named.ok, named.message
+    assert any(
+        (each.from_sweep, each.to_sweep, each.verdict) == (*ends, "accepted")
+        for each in known(chain.link)
+    )

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from zloam_monitor import cli_files, cli_maps, cli_robots, cli_runs, cli_views
+from zloam_monitor import cli_files, cli_loops, cli_maps, cli_robots, cli_runs, cli_views
 from zloam_monitor.version import version
 
 EPILOG = (
@@ -42,6 +42,7 @@ def zloam(
 
 cli_runs.add(app)
 cli_robots.add(app)
+cli_loops.add(app)
 cli_views.add(app)
 cli_maps.add(app)
 cli_files.add(app)

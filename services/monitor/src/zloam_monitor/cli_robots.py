@@ -84,7 +84,7 @@ def get(
     return 1 if missing else 0
 
 
-def _replied(replies: Iterable[tuple[str, ReplyRecord]], as_json: bool) -> int:
+def replied(replies: Iterable[tuple[str, ReplyRecord]], as_json: bool) -> int:
     """Prints each stage's reply when it comes, JSON when all have come; 0 if all accepted."""
     from zloam_monitor import answers
 
@@ -111,7 +111,7 @@ def set_(
 
     wanted = settings.pairs(values)
     with discovery.linked(robot, common.endpoints(connect)) as link:
-        return _replied([(stage, settings.change(link, stage, wanted))], as_json)
+        return replied([(stage, settings.change(link, stage, wanted))], as_json)
 
 
 @command
@@ -128,7 +128,7 @@ def save(
     from zloam_monitor import discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
-        return _replied(settings.save(link, folder), as_json)
+        return replied(settings.save(link, folder), as_json)
 
 
 @command
@@ -145,7 +145,7 @@ def reset(
     from zloam_monitor import discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
-        return _replied(settings.reset(link, stages or ("odometry", "mapping")), as_json)
+        return replied(settings.reset(link, stages or ("odometry", "mapping")), as_json)
 
 
 @command
@@ -161,7 +161,7 @@ def place(
     from zloam_monitor import discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
-        return _replied([("mapping", settings.place(link, x, y, yaw))], as_json)
+        return replied([("mapping", settings.place(link, x, y, yaw))], as_json)
 
 
 @command
@@ -184,7 +184,7 @@ def handover(
     from zloam_monitor import discovery, settings
 
     with discovery.linked(robot, common.endpoints(connect)) as link:
-        return _replied([(stage, settings.hand_over(link, stage, to))], as_json)
+        return replied([(stage, settings.hand_over(link, stage, to))], as_json)
 
 
 @command

@@ -30,14 +30,14 @@ DROPPED = HEALTH.index("dropped")
 SERVICE_HEALTH = ("starting", "ready", "degraded", "failed", "stopping")
 
 
-def _name(names: tuple[str, ...], number: int) -> str:
+def name_of(names: tuple[str, ...], number: int) -> str:
     """Name of a state; of one that this version does not know yet, its number."""
     return names[number] if number < len(names) else str(number)
 
 
 def pose_health(number: int) -> str:
     """Name of a pose's health."""
-    return _name(HEALTH, number)
+    return name_of(HEALTH, number)
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,7 @@ def status(payload: bytes) -> StatusRecord:
     return StatusRecord(
         stage=text(s.Stage()),
         instance=text(s.Instance()),
-        health=_name(SERVICE_HEALTH, s.Health()),
+        health=name_of(SERVICE_HEALTH, s.Health()),
         reason=text(s.Reason()),
         stamp_ns=s.StampNs(),
         run=s.Run(),
