@@ -84,15 +84,14 @@ Merged merged(const Options& options) {
   return out;
 }
 
-/// Throws if a file can't be written. The report is the last file, so that it stands for a whole
-/// result.
+/// Throws if a file can't be written.
 void write(const Merged& found, const std::filesystem::path& folder) {
   ResultFolder out(folder);
-  std::string error = write_submap_poses(found, folder);
-  if (error.empty()) error = write_g2o(found, folder / "graph.g2o");
-  if (error.empty()) error = write_points(found, folder / "map.pcd");
-  if (error.empty()) error = write_store(found, folder);
-  if (error.empty()) error = write_report(found, folder / "sessions.json");
+  std::string error = write_submap_poses(found, out.path());
+  if (error.empty()) error = write_g2o(found, out.path() / "graph.g2o");
+  if (error.empty()) error = write_points(found, out.path() / "map.pcd");
+  if (error.empty()) error = write_store(found, out.path());
+  if (error.empty()) error = write_report(found, out.path() / "sessions.json");
   if (!error.empty()) throw std::runtime_error(error);
   out.keep();
 }
@@ -134,7 +133,7 @@ int main(int argc, char** argv) {
   const Options options = parse(argc, argv);
   try {
     // Refused before the work, too.
-    ResultFolder(options.out).keep();
+    refuse_filled(options.out);
     const Merged found = merged(options);
     write(found, options.out);
     return verdict(found);

@@ -5,20 +5,25 @@
 
 namespace zloam::sessions {
 
+/// Throws std::runtime_error if the folder holds something: its files could have the same names.
+void refuse_filled(const std::filesystem::path& folder);
+
 class ResultFolder {
  public:
-  /// Throws std::runtime_error if the folder holds something: its files could have the same names.
+  /// Throws as refuse_filled().
   explicit ResultFolder(std::filesystem::path folder);
-  /// Without keep(), what was written into the folder is removed, and the folder if it is new.
+  /// Without keep(), what was written is removed, and the folder if it is new.
   ~ResultFolder();
   ResultFolder(const ResultFolder&) = delete;
   ResultFolder& operator=(const ResultFolder&) = delete;
 
-  const std::filesystem::path& path() const { return folder_; }
-  void keep() { is_kept_ = true; }
+  /// Where to write: a folder within it, so that what a kill leaves is not taken for the result.
+  const std::filesystem::path& path() const { return unfinished_; }
+  /// Moves the files from there into the folder. Throws std::system_error.
+  void keep();
 
  private:
-  std::filesystem::path folder_;
+  std::filesystem::path folder_, unfinished_;
   bool is_new_ = false;
   bool is_kept_ = false;
 };

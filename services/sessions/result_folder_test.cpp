@@ -38,6 +38,17 @@ TEST_F(ResultFolderTest, OfAFailureNothingIsLeftAndTheFolderCanBeNamedAgain) {
   }
 }
 
+// A kill may come at any time before keep().
+TEST_F(ResultFolderTest, FilesHaveTheirNamesOnceAllAreWritten) {
+  const fs::path folder = folder_ / "week";
+  ResultFolder out(folder);
+  write(out);
+  EXPECT_FALSE(fs::exists(folder / "graph.g2o"));
+  out.keep();
+  EXPECT_TRUE(fs::exists(folder / "graph.g2o"));
+  EXPECT_FALSE(fs::exists(out.path()));
+}
+
 TEST_F(ResultFolderTest, FilesOfOthersStay) {
   std::ofstream(folder_ / "map.pcd") << "mine";
   EXPECT_THROW(ResultFolder out(folder_), std::runtime_error);
