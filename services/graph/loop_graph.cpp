@@ -60,8 +60,10 @@ void LoopGraph::State::add_node(const Submap& submap, std::size_t session) {
     step.from = own.back();
     step.to = nodes.size();
     step.T_from_to = before.T_map_place.inverse() * place.T_map_place;
-    // If submaps between the two were missed, the covariance of the motion between them is unknown.
-    const bool missed = submap.before_sweep != nodes[step.from].sweep;
+    // If submaps between the two were missed, or a drive begins with this one, which names itself
+    // as the one before, the covariance of the motion between them is unknown.
+    const bool missed =
+        submap.before_sweep != nodes[step.from].sweep || submap.before_sweep == submap.sweep;
     if (missed) node.connected = false;
     step.covariance = carried(submap.step_covariance, place.T_place_submap) +
                       diagonal_covariance(kLeast_m, kLeast_rad);

@@ -284,5 +284,19 @@ TEST(LoopGraph, ASubmapThatWasMissedIsAGapInTheChain) {
   EXPECT_GE(ran.graph.loops_in_force(), 10U);
 }
 
+// In a merged map, or one that another drive extended, the first submap of a drive may have the
+// number of the last one of the drive before.
+TEST(LoopGraph, ADriveDoesNotGoOnWithTheNextOne) {
+  TestTown town(9);
+  TestDrive driven = drive(town, rounds(40.0, 1), 0.02, 0.001, 9);
+  driven.submaps.resize(3);
+  for (Submap& submap : driven.submaps) submap.sweep = 30;
+  driven.submaps[1].before_sweep = driven.submaps[2].before_sweep = 30;
+  const Ran ran = run(driven);
+  EXPECT_TRUE(ran.graph.nodes()[0].connected);
+  EXPECT_FALSE(ran.graph.nodes()[1].connected);
+  EXPECT_FALSE(ran.graph.nodes()[2].connected);
+}
+
 }  // namespace
 }  // namespace zloam::graph

@@ -149,14 +149,13 @@ class StoreWriter {
   }
 
   void write_submaps() {
-    const Submap* before = nullptr;
     std::size_t session_before = 0;
     std::set<std::int64_t> instants;
     for (const Merged::Placed& placed : merged_.placed()) {
       const SavedMap& map = merged_.maps[placed.session];
       Submap submap = map.submaps[placed.index];
       submap.T_map_submap = placed.T_world_submap;
-      if (before != nullptr && placed.session != session_before) part(submap, before->sweep);
+      if (placed.session != session_before) part(submap);
       // A key of its own, also where two robots closed a submap at the same nanosecond.
       while (!instants.insert(submap.instant_ns).second) ++submap.instant_ns;
       HeaderFields header = map.headers[placed.index];
@@ -166,15 +165,14 @@ class StoreWriter {
       header.instance = "sessions";
       header.end_of_run = false;
       put(keys_.kept_submap(submap.instant_ns), Key::kSubmap, 0, build(header, submap));
-      before = &map.submaps[placed.index];
       session_before = placed.session;
     }
   }
 
   /// Marks the first submap of a session: it does not follow the one before it.
-  static void part(Submap& submap, std::uint64_t sweep_before) {
+  static void part(Submap& submap) {
     submap.connected = false;
-    submap.before_sweep = submap.sweep == sweep_before ? submap.sweep + 1 : submap.sweep;
+    submap.before_sweep = submap.sweep;
   }
 
   const Merged& merged_;
