@@ -50,6 +50,17 @@ def test_what_zloam_sessions_wrote_is_copied_whole(
     assert not full.exists()
 
 
+def test_a_merge_that_was_killed_is_told_with_its_signal(tmp_path: Path) -> None:
+    """As where memory ran out, of which zloam-sessions itself says nothing."""
+    program = tmp_path / "bin" / "zloam-sessions"
+    program.parent.mkdir()
+    program.write_text("#!/bin/sh\nkill -KILL $$\n")
+    program.chmod(0o755)
+    with pytest.raises(sessions.SessionsError, match="signal SIGKILL: no map was written") as told:
+        sessions.merge(tmp_path, [tmp_path], tmp_path / "week", quiet=True)
+    assert told.value.exit_code == 1
+
+
 def test_intensities_that_las_does_not_hold_are_named(
     merged: sessions.Merged, tmp_path: Path
 ) -> None:

@@ -17,6 +17,7 @@ from zloam_monitor import maps
 from zloam_monitor.chain import binary
 from zloam_monitor.failures import Explained, Misuse
 from zloam_monitor.files import written_whole
+from zloam_monitor.processes import describe_code
 
 POINTS, GRAPH, REPORT = "map.pcd", "graph.g2o", "sessions.json"
 #: Exit code if a map shares too little with the others, or is damaged.
@@ -45,7 +46,9 @@ def merge(build: Path, folders: Sequence[Path], out: Path, quiet: bool) -> Merge
     command = [str(binary(build, "sessions")), *map(str, folders), "--out", str(out)]
     done = subprocess.run([*command, *(["--quiet"] if quiet else [])], check=False)
     if done.returncode not in (0, INCOMPLETE):
-        said = "nothing was written" if done.returncode > 0 else "zloam-sessions died"
+        said = "nothing was written"
+        if done.returncode < 0:
+            said = f"zloam-sessions ended with {describe_code(done.returncode)}: no map was written"
         raise SessionsError(said, done.returncode)
     report = json.loads((out / REPORT).read_text(encoding="utf-8"))
     return Merged(out, report, done.returncode == 0)
