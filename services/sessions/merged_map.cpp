@@ -23,6 +23,13 @@ plane_map::PlaneMapConfig voxel_config(const MapSizes& sizes) {
   return config;
 }
 
+bool fits(const mapping::LayerMap& layer, std::size_t most_in_cube) {
+  return layer.left_out() == 0 &&
+         std::ranges::all_of(layer.tiles(), [&](const mapping::TileIndex& index) {
+           return layer.tile_points(index).size() <= most_in_cube;
+         });
+}
+
 }  // namespace
 
 MapBuilder::MapBuilder(const MapSizes& sizes)
@@ -31,9 +38,20 @@ MapBuilder::MapBuilder(const MapSizes& sizes)
               mapping::LayerMap(kLeaf_m, sizes.tile_edge_m)},
       voxels_(voxel_config(sizes)) {}
 
-void MapBuilder::add_points(const MapPart& part) {
+void MapBuilder::add_points(std::span<const MapPart> parts, std::size_t most_in_cube) {
+  for (const Layer which : kLayers) {
+    mapping::LayerMap& layer = layers_[static_cast<std::size_t>(which)];
+    for (double leaf_m = kLeaf_m;; leaf_m *= 2.0) {
+      layer = mapping::LayerMap(leaf_m, tile_edge_m_);
+      for (const MapPart& part : parts) add_points(part, which, layer);
+      if (fits(layer, most_in_cube)) break;
+    }
+  }
+}
+
+void MapBuilder::add_points(const MapPart& part, Layer which, mapping::LayerMap& layer) {
   for (const mapping::Tile& tile : part.tiles) {
-    mapping::LayerMap& layer = layers_[static_cast<std::size_t>(tile.id.layer)];
+    if (tile.id.layer != which) continue;
     for (std::size_t i = 0; i < tile.points.size(); ++i) {
       const MapPoint& p = tile.points[i];
       const Eigen::Vector3d at(p.x, p.y, p.z);

@@ -4,7 +4,9 @@
 // moved is left out (seen_places.hpp).
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "mapping/layer_map.hpp"
@@ -39,15 +41,16 @@ class MapBuilder {
   /// well by then drop their finer voxels, as in mapping.
   enum class Half : std::uint8_t { kFirst, kSecond };
   void add_voxels(const MapPart& part, Half half);
-  void add_points(const MapPart& part);
+  /// Those of all maps, joined in voxels of 0.1 m, or of the double, and so on, until no cube has
+  /// more than this many, and none lies too far from the origin for the voxels' indices.
+  void add_points(std::span<const MapPart> parts, std::size_t most_in_cube);
 
   /// All of them, ascending.
   std::vector<mapping::Tile> tiles() const;
   std::vector<mapping::VoxelTile> voxels() const;
-  /// Points that lie too far from the origin for the indices.
-  std::uint64_t left_out() const { return layers_[0].left_out() + layers_[1].left_out(); }
 
  private:
+  static void add_points(const MapPart& part, Layer which, mapping::LayerMap& layer);
   void draw(const Patch& patch, const Pose& T_grid_grid, Half half);
 
   double tile_edge_m_;

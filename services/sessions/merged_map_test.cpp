@@ -16,6 +16,7 @@ using plane_map::SavedVoxel;
 using plane_map::VoxelPlaneMap;
 
 const PlaneMapConfig kMap;
+constexpr std::size_t kMany = 1'000'000;
 const MapSizes kSizes{50.0, kMap.root_voxel_m, kMap.levels, kMap.range_noise_m};
 
 /// A wall along x at y = 3, and a car in front of it, with 2 cm of noise across.
@@ -83,7 +84,7 @@ Street merged_street() {
   MapBuilder builder(kSizes);
   builder.add_voxels(part, MapBuilder::Half::kFirst);
   builder.add_voxels(part, MapBuilder::Half::kSecond);
-  builder.add_points(part);
+  builder.add_points(std::vector{part}, kMany);
   return {builder.tiles(), builder.voxels()};
 }
 
@@ -135,6 +136,38 @@ TEST(MergedMap, PointsKeepLayerIntensityAndCount) {
   }
   EXPECT_GT(points, wall().size() / 3);
   EXPECT_EQ(counted, 3 * wall().size());
+}
+
+// As in a hall of which many maps are merged: a larger message would not be taken.
+TEST(MergedMap, PointsAreJoinedUntilACubeCanHaveThem) {
+  const auto tiles = tiles_of(wall());
+  const std::vector<mapping::VoxelTile> none;
+  SeenPlaces places;
+  add_place(places, wall(), false, 0);
+  MapBuilder builder(kSizes);
+  builder.add_points(std::vector{MapPart{tiles, none, places, {moved()}}}, 500);
+  std::size_t points = 0, counted = 0;
+  for (const mapping::Tile& tile : builder.tiles()) {
+    EXPECT_LE(tile.points.size(), 500U);
+    points += tile.points.size();
+    for (const std::uint32_t count : tile.counts) counted += count;
+  }
+  EXPECT_GT(points, 100U);
+  EXPECT_EQ(counted, 3 * wall().size());
+}
+
+TEST(MergedMap, APointFarFromTheOriginIsInIt) {
+  const std::vector<Eigen::Vector3d> far = {{150'010.0, 10.0, 10.0}};
+  const auto tiles = tiles_of(far);
+  const std::vector<mapping::VoxelTile> none;
+  SeenPlaces places;
+  add_place(places, far, false, 0);
+  MapBuilder builder(kSizes);
+  builder.add_points(std::vector{MapPart{tiles, none, places, {Pose::Identity()}}}, kMany);
+  const auto merged = builder.tiles();
+  ASSERT_EQ(merged.size(), 1U);
+  EXPECT_EQ(merged[0].id.index.i, 3000);
+  EXPECT_EQ(merged[0].points.size(), 1U);
 }
 
 /// All sums of one cube, in its coarsest voxel.

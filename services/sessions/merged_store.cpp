@@ -23,6 +23,13 @@ namespace fs = std::filesystem;
 // The first term of a mapping: any that extends the map has the same or a greater one.
 constexpr std::uint32_t kTerm = 1;
 
+/// Of one cube: a larger message would not be taken.
+std::size_t most_points() {
+  constexpr std::size_t kHeader_bytes = std::size_t{64} << 10;
+  return (key_row(Key::kMapTile).max_bytes - kHeader_bytes) /
+         (sizeof(MapPoint) + sizeof(std::uint32_t));
+}
+
 /// Depends on the drives that are joined, and on their order.
 std::uint64_t map_id_of(const Merged& merged) {
   std::vector<std::uint64_t> drives;
@@ -129,14 +136,12 @@ class StoreWriter {
     const std::vector<std::size_t> sessions = with_cubes(merged_);
     if (sessions.empty()) return;
     MapBuilder map(sizes_of(merged_.maps[sessions.front()]).value());
+    std::vector<MapPart> parts;
+    for (const std::size_t i : sessions) parts.push_back(part_of(merged_, i));
     for (const MapBuilder::Half half : {MapBuilder::Half::kFirst, MapBuilder::Half::kSecond}) {
-      for (const std::size_t i : sessions) map.add_voxels(part_of(merged_, i), half);
+      for (const MapPart& part : parts) map.add_voxels(part, half);
     }
-    for (const std::size_t i : sessions) map.add_points(part_of(merged_, i));
-    if (map.left_out() > 0) {
-      throw std::length_error(std::to_string(map.left_out()) +
-                              " points are too far from the origin of the first map");
-    }
+    map.add_points(parts, most_points());
     for (const mapping::Tile& tile : map.tiles()) {
       const mapping::TileIndex& at = tile.id.index;
       put(keys_.tile(layer_name(tile.id.layer), at.i, at.j, at.k), Key::kMapTile, tile.version,
