@@ -8,7 +8,7 @@ usage: zloam-router [--config FILE] [--set KEY=VALUE]... [--check]
 
   --config FILE       Zenoh configuration (JSON5), e.g. deploy/zenoh/router.json5
   --set KEY=VALUE     overrides one value, e.g. plugins/rest/http_port=127.0.0.1:8000; may be repeated
-  --check             print what holds and end
+  --check             print the effective configuration and end
   --health [ENDPOINT] ask a running router (default tcp/127.0.0.1:7447); exit code 0: it answers.
                       --set gives what the link needs, e.g. transport/link/tls/root_ca_certificate=FILE
   --version, --help
