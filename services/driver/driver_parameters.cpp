@@ -118,7 +118,7 @@ void bind_source(runtime::Parameters& p, DriverConfig& c) {
   p.add("driver.multicast_group", &c.udp.multicast_group,
         "IPv4 multicast group to join; empty: unicast and broadcast", Effect::kNone);
   p.add("driver.quiet_s", &c.quiet_s, {0.1, 3600.0}, "s",
-        "live: warn after this long without packets, or (at least 3 s) without a sweep of them",
+        "live: warn after this long without packets, or without a sweep (then at least 3 s)",
         Effect::kNone);
 }
 
@@ -147,7 +147,8 @@ void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
   p.add("driver.model", &c.model, models, "model of the sensor; auto: from the packets");
   p.add("driver.metadata", &c.metadata,
         "file with the sensor's description of its beams and packets (`zloam metadata` fetches "
-        "it), or with the mounting of a scanner on a motor; empty: the .json beside a capture",
+        "it), or the mount file of a scanner on a motor (`zloam calibrate`); empty: the .json "
+        "beside a capture",
         Effect::kNone);
   p.add("driver.returns", &c.returns,
         {{"auto", ReturnChoice::kAuto},
@@ -175,7 +176,7 @@ void bind_decoding(runtime::Parameters& p, DriverConfig& c) {
         "sensor's own clock");
   p.add("driver.stamp_offset_us", &c.stamp_offset_us, {-1e6, 1e6}, "us",
         "offset added to stamps, e.g. of a sensor that stamps a packet's last firing; of a scanner "
-        "on a motor only where receive times tie its clock");
+        "on a motor only where receive times align its clock");
 }
 
 void bind_limits(runtime::Parameters& p, DriverConfig& c) {

@@ -29,7 +29,7 @@ void bind(runtime::Parameters& p, IntegrationConfig& c) {
   p.add("mapping.every", &c.mapping_every, {1, 1000}, "",
         "map every n-th sweep by number, and the last one; slices are all mapped");
   p.add("integration.correction_delay", &c.correction_delay, {0, 1000}, "",
-        "replay: minimum number of sweeps by which a pose's correction is older than the pose");
+        "replay: minimum age of a pose's correction, in sweeps");
   p.add("integration.jump_m", &c.jump_m, {0.0, 100.0}, "m",
         "minimum motion of a correction that is marked as a jump");
   p.add("integration.jump_rad", &c.jump_rad, {0.0, 3.15}, "rad",

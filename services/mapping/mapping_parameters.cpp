@@ -60,11 +60,12 @@ void bind_points(Parameters& p, MappingConfig& c) {
 
 void bind_insertion(Parameters& p, MappingConfig& c) {
   p.add("mapping.insert_distance_m", &c.insert_distance_m, {0.0, 100.0}, "m",
-        "minimum motion since the last inserted sweep; 0: insert every sweep")
+        "insert a sweep after this motion since the last inserted one; 0: the rotation alone "
+        "decides; both 0: insert every sweep")
       .live();
   p.add("mapping.insert_rotation_rad", &c.insert_rotation_rad, {0.0, 3.15}, "rad",
-        "minimum rotation since the last inserted sweep, as an alternative to the motion; 0: "
-        "insert every sweep")
+        "insert a sweep also after this rotation since the last inserted one; 0: the motion alone "
+        "decides")
       .live();
   p.add("mapping.drift_limit", &c.drift_limit, {1e-6, 1.0}, "",
         "health is Degenerate if the points leave a direction with a sigma above this share of 10 "
