@@ -135,10 +135,10 @@ Settings = Annotated[
     ),
 ]
 #: Options for the times of a cloud's points, named by the driver's keys.
-TimeField = Annotated[str, typer.Option(help="driver.time_field")]
-TimeModel = Annotated[str, typer.Option(help="driver.time_model")]
-PeriodS = Annotated[float, typer.Option(help="driver.scan_period_s")]
-SeamDeg = Annotated[float, typer.Option(help="driver.scan_seam_deg")]
+TimeField = Annotated[str, typer.Option(help="Field with the points' times: driver.time_field.")]
+TimeModel = Annotated[str, typer.Option(help="Clouds without times: driver.time_model.")]
+PeriodS = Annotated[float, typer.Option(help="Clouds without times: driver.scan_period_s.")]
+SeamDeg = Annotated[float, typer.Option(help="Clouds without times: driver.scan_seam_deg.")]
 #: Several values in one text, as the Makefile passes them.
 ManySettings = Annotated[str, typer.Option("--settings", hidden=True)]
 ManySettingsAt = Annotated[str, typer.Option("--settings-at", hidden=True)]
@@ -171,7 +171,7 @@ Map = Annotated[
     typer.Option(
         "--map",
         metavar="FOLDER",
-        help="Keep the map in this folder (new or empty), by the tile store.",
+        help="Store the map in this folder (new or empty).",
     ),
 ]
 Localize = Annotated[
@@ -179,7 +179,7 @@ Localize = Annotated[
     typer.Option(
         "--localize",
         help="Localize the robot in the map of --map without changing it. The search starts where "
-        "that run ended and goes on in the whole map; `zloam place` helps where places look alike.",
+        "that run ended, then covers the whole map; `zloam place` helps where places look alike.",
     ),
 ]
 Extend = Annotated[
@@ -191,7 +191,7 @@ Graph = Annotated[
     typer.Option(
         "--graph",
         help="Close loops by the pose graph: trajectory_world.tum has the optimized poses, "
-        "map_world.pcd the map at them.",
+        "map_world.pcd the map that fits them.",
     ),
 ]
 Method = Annotated[

@@ -18,8 +18,8 @@ from zloam_monitor.stages import ROWS
 #: Programs that parse their own options.
 PROGRAMS = (
     *((row.name, row.summary) for row in ROWS.values()),
-    ("decode", "Points of a capture as text."),
-    ("calibrate", "Where a scanner sits on its motor, from a session at rest."),
+    ("decode", "Decodes a capture to points, without the stages."),
+    ("calibrate", "Estimates a scanner's pose on its motor from a session at rest."),
 )
 
 
@@ -155,13 +155,13 @@ def config_schema(preset_dir: common.PresetDir = None) -> int:
 @command
 def recording(
     file: Annotated[Path, typer.Argument(metavar="BAG", help="Bag or MCAP file.")],
-    topic: Annotated[str, typer.Option(help="driver.topic")] = "",
+    topic: Annotated[str, typer.Option(help="Topic of the clouds or packets, if several.")] = "",
     time_field: common.TimeField = "",
     time_model: common.TimeModel = "none",
     period_s: common.PeriodS = 0.1,
     seam_deg: common.SeamDeg = 180.0,
     imu: Annotated[bool, typer.Option("--imu", help="Include IMU readings.")] = False,
-    imu_topic: Annotated[str, typer.Option(help="driver.imu_topic")] = "",
+    imu_topic: Annotated[str, typer.Option(help="Topic of the IMU readings, if several.")] = "",
     stream: Annotated[
         bool, typer.Option("--stream", help="Write its sweeps to standard output, for the driver.")
     ] = False,

@@ -92,7 +92,7 @@ def map_merge(
     """Merge maps of several runs or robots into one frame, by the places that they share.
 
     Writes map.pcd, graph.g2o, the submaps' poses and sessions.json, in the frame of the first map,
-    and the map itself: the folder is one for --map with --localize or --extend.
+    and the stored map: --map with --localize or --extend accepts the folder.
     Exit code 1: a map has too little in common with the others and is left out, or is damaged.
     """
     from zloam_monitor import answers, sessions

@@ -106,7 +106,7 @@ def set_(
     robot: common.Robot = None,
     as_json: common.Json = False,
 ) -> int:
-    """Change live parameters of a stage; prints from which sweep on, or what is allowed."""
+    """Change live parameters of a stage; print the first sweep with them, or what is allowed."""
     from zloam_monitor import discovery, settings
 
     wanted = settings.pairs(values)
@@ -167,7 +167,7 @@ def place(
 @command
 def handover(
     stage: Annotated[
-        str, typer.Argument(help="odometry, mapping or integration; any that a token silences.")
+        str, typer.Argument(help="odometry, mapping or integration, or a stage that is silenced.")
     ],
     to: Annotated[
         str | None,
@@ -179,7 +179,7 @@ def handover(
 ) -> int:
     """Let a standby take over a stage's work; no sweep is lost.
 
-    A stage that a stranger's token silences (`zloam doctor` names it) works again.
+    A stage that a stranger's token silences (`zloam doctor` names the token) works again.
     """
     from zloam_monitor import discovery, settings
 
@@ -211,14 +211,14 @@ def doctor(
         Path | None,
         typer.Argument(
             metavar="[FILE]",
-            help="A capture (pcap, pcapng), a payload file (.bin), or what zloam record wrote.",
+            help="A capture (pcap, pcapng), payload file (.bin), or recording of `zloam record`.",
         ),
     ] = None,
     seconds: Annotated[
         float, typer.Option(help="Seconds to listen to a robot.", callback=common.positive)
     ] = 5.0,
-    model: Annotated[str | None, typer.Option(help="driver.model, for a file")] = None,
-    metadata: Annotated[Path | None, typer.Option(help="driver.metadata, for a file")] = None,
+    model: Annotated[str | None, typer.Option(help="Of a file: the sensor's model.")] = None,
+    metadata: Annotated[Path | None, typer.Option(help="Of a file: the sensor's metadata.")] = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
     preset_dir: common.PresetDir = None,

@@ -284,19 +284,19 @@ def follow(
     title: Annotated[str, typer.Option(help="Title of the picture.")] = "run",
     ready_file: Annotated[
         Path | None,
-        typer.Option(help="File to create when all stages were heard: the source may start."),
+        typer.Option(help="File to create when all stages answer, so that the source may start."),
     ] = None,
     ended_file: Annotated[
         Path | None,
         typer.Option(
-            help="File to create at the end, for processes that end with the run; the table is "
-            "printed after them."
+            help="File to create at the end, which makes other processes end; the table is printed "
+            "after them."
         ),
     ] = None,
     patience: Annotated[
         float | None,
         typer.Option(
-            help="Seconds from all stages being heard until the first pose. Default: no limit.",
+            help="Longest time from then until the first pose, s. Default: no limit.",
             callback=common.positive,
         ),
     ] = None,

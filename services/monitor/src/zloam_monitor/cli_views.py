@@ -31,7 +31,7 @@ def record(
     """Record a robot to MCAP: for `zloam demo --bag`, `zloam replay`, Foxglove.
 
     The file can be opened at any time, also after the recorder was killed. Exit code 1: messages
-    are missing in it, or nothing came in its last five seconds and no stage had said that it ends.
+    are missing, or nothing came in the last five seconds although no stage announced its end.
     """
     from zloam_monitor import discovery, recorder
     from zloam_monitor.intake import MIB
