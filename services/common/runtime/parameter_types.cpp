@@ -94,9 +94,12 @@ Parameters::Added Parameters::add(const std::string& key, std::string* field,
       return {};
     }
     if (value.shape != RawValue::Shape::kScalar) return kScalarWanted;
-    // Only a shell expands it: a folder of the name "~" would be made.
-    if (value.items[0].starts_with("~/")) return "'~' is not expanded: write the whole path";
-    *field = value.items[0];
+    // Only a shell expands it: a folder of the name "~" or "~user" would be made.
+    const std::string& text = value.items[0];
+    if (text.starts_with('~') && text.find('/') != std::string::npos) {
+      return "'~' is not expanded: write the whole path";
+    }
+    *field = text;
     return {};
   };
   return add_entry(key, kTextType, "", "any text", doc, effect, set,

@@ -175,6 +175,7 @@ TEST_F(ParameterFile, AHomeFolderThatNothingExpandsIsRefused) {
             "robot.yaml:2: stage.name: value '~/maps' is refused: '~' is not expanded: write the "
             "whole path; allowed: any text");
   EXPECT_THAT(error("", {"stage.name=~/maps"}), HasSubstr("'~' is not expanded"));
+  EXPECT_THAT(error("", {"stage.name=~robot/maps"}), HasSubstr("'~' is not expanded"));
   EXPECT_EQ(error("stage:\n  name: maps/~old\n"), "");
 }
 
