@@ -9,6 +9,8 @@ constexpr std::int64_t kMaxWait_ns = 8'000'000'000;
 // Default time after which missing numbers are given up: one period of a typical lidar, because
 // keys without sweeps have no period to measure.
 constexpr std::int64_t kDefaultLate_ns = 100'000'000;
+// Requests for what a publisher sent before its successor.
+constexpr int kSuccessorAttempts = 3;
 
 }  // namespace
 
@@ -73,7 +75,7 @@ void SeenNumbers::note_gap(std::int64_t now_ns) {
   const bool known = gap_ && gap_->instance == found->first && gap_->first == p.below;
   if (!known) {
     const std::int64_t wait_ns = replay_ ? limits_.gap_replay_ns : limits_.gap_live_ns;
-    gap_ = Gap{found->first, p.below, 0, now_ns, now_ns + wait_ns, wait_ns};
+    gap_ = Gap{found->first, p.below, 0, now_ns, now_ns + wait_ns, wait_ns, 0};
   }
   gap_->last = *p.above.begin() - 1;
 }
@@ -82,12 +84,20 @@ std::int64_t SeenNumbers::late_ns() const {
   return limits_.late_ns > 0 ? limits_.late_ns : kDefaultLate_ns;
 }
 
+bool SeenNumbers::is_hopeless(const Gap& gap, std::int64_t now_ns) const {
+  if (gives_up()) return now_ns - gap.since_ns >= late_ns();
+  // Its publisher has gone, and nobody had kept them: the successor's gaps would wait for ever.
+  const bool replaced = publishers_.at(gap.instance).heard < heard_;
+  return replaced && gap.asked >= kSuccessorAttempts && now_ns >= gap.ask_at_ns;
+}
+
 std::optional<SeenNumbers::Request> SeenNumbers::request(std::int64_t now_ns) {
-  while (gives_up() && gap_ && now_ns - gap_->since_ns >= late_ns()) {
+  while (gap_ && is_hopeless(*gap_, now_ns)) {
     give_up(publishers_[gap_->instance]);
     note_gap(now_ns);
   }
   if (!limits_.by_number || !gap_ || now_ns < gap_->ask_at_ns) return std::nullopt;
+  ++gap_->asked;
   gap_->wait_ns = std::min(gap_->wait_ns * 2, kMaxWait_ns);
   gap_->ask_at_ns = now_ns + gap_->wait_ns;
   return Request{gap_->first, gap_->last};

@@ -24,8 +24,9 @@ class SeenNumbers {
  public:
   explicit SeenNumbers(const SequencerLimits& limits = {}) : limits_(limits) {}
 
-  /// Nothing: a new number; else kDuplicate, or kInvalid for a number out of reach. publisher: a name
-  /// whose numbers count from 0. replay: missing numbers are never given up.
+  /// Nothing: a new number; else kDuplicate, or kInvalid for a number out of reach. publisher: a
+  /// name whose numbers count from 0. replay: missing numbers are given up only where their
+  /// publisher has a successor, after three requests.
   std::optional<Drop> add(const std::string& publisher, std::uint64_t seq, bool replay,
                           std::int64_t now_ns);
 
@@ -60,11 +61,13 @@ class SeenNumbers {
     std::string instance;
     std::uint64_t first = 0, last = 0;
     std::int64_t since_ns = 0, ask_at_ns = 0, wait_ns = 0;
+    int asked = 0;
   };
   Publisher& publisher(const std::string& instance, std::uint64_t seq);
   static bool in_reach(Publisher& publisher, std::uint64_t seq);
   void give_up(Publisher& publisher);
   void note_gap(std::int64_t now_ns);
+  bool is_hopeless(const Gap& gap, std::int64_t now_ns) const;
   std::int64_t late_ns() const;
   bool gives_up() const { return !replay_ || !limits_.by_number; }
 

@@ -94,6 +94,30 @@ TEST(SeenNumbers, ReplayNeverGivesUpAndNamesWhatIsOverdue) {
   EXPECT_EQ(seen.lost(), 0U);
 }
 
+// As of a mapping that was killed in a replay: its readers ended after two minutes, and the gaps of
+// its successor were not requested.
+TEST(SeenNumbers, WhatAPublisherThatWasReplacedLeftIsGivenUpAfterThreeRequests) {
+  SeenNumbers seen({.gap_replay_ns = 200 * kMs, .replay_limit_ns = 120'000 * kMs});
+  for (const std::uint64_t n : {0U, 2U}) EXPECT_EQ(seen.add("a/1", n, true, 0), std::nullopt);
+  for (const std::uint64_t n : {0U, 3U}) EXPECT_EQ(seen.add("b/2", n, true, 0), std::nullopt);
+  for (const std::int64_t at_ms : {200, 600, 1400}) {
+    const auto request = seen.request(at_ms * kMs);
+    ASSERT_TRUE(request) << at_ms;
+    EXPECT_EQ(request->last, 1U) << at_ms;
+  }
+  EXPECT_FALSE(seen.request(2999 * kMs)) << "the last request may still be answered";
+  EXPECT_EQ(seen.lost(), 0U);
+  EXPECT_FALSE(seen.request(3000 * kMs));
+  EXPECT_EQ(seen.lost(), 1U);
+  const auto next = seen.request(3200 * kMs);
+  ASSERT_TRUE(next);
+  EXPECT_EQ(next->first, 1U);
+  EXPECT_EQ(next->last, 2U);
+  for (std::int64_t at_ms = 3200; at_ms < 123'000; at_ms += 100) seen.request(at_ms * kMs);
+  EXPECT_EQ(seen.lost(), 1U) << "the successor is there, and may still send them";
+  EXPECT_EQ(seen.overdue(123'000 * kMs), 1U);
+}
+
 // Map tiles: nobody keeps them by number, and whoever wants them all asks for the map.
 TEST(SeenNumbers, WhatNobodyAnswersByNumberIsGivenUpInAReplayToo) {
   for (const bool replay : {true, false}) {
