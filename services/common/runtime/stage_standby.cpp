@@ -22,11 +22,23 @@ constexpr std::int64_t kStandByStatus_ns = 1000 * kMs;
 // kKnownElderWait replaces both where an older instance is known to be there.
 constexpr std::chrono::milliseconds kLinkWait{200}, kElderWait{50}, kKnownElderWait{3000};
 constexpr std::chrono::milliseconds kHandOver{3000};
+// Zenoh's own answer for one that is there and has not answered by then.
+constexpr std::string_view kTimeout = "Timeout";
 // Payload of a request to take over that comes from the instance at work.
 constexpr std::string_view kHandsOver = "handover";
 // Statuses (one per second) after which an overtaken instance whose worker has not ended counts as
 // hanging.
 constexpr int kLooksAtHang = 6;
+
+/// Why the other instance did not take over. `answer`: its refusal, or Zenoh's; empty: none came.
+std::string why_not(const std::string& to, const std::string& answer) {
+  if (answer.empty()) return to + " does not answer";
+  if (answer != kTimeout) return to + " does not take over (" + answer + ")";
+  return to + " is there and has not answered within " +
+         std::to_string(std::chrono::duration_cast<std::chrono::seconds>(kHandOver).count()) +
+         " s, so it hangs, or its host is overloaded; if that lasts, end its process and start it "
+         "again";
+}
 
 /// The run that a driver's token names in the last chunk of its key.
 std::optional<std::uint64_t> run_of(std::string_view key) {
@@ -244,8 +256,7 @@ CommandReply StageCore::hand_over(const std::string& arguments_json) {
   singleton_->hold(false);
   leaving_ = false;
   for (const auto& task : on_hand_over_) task(false);
-  return {false, to + (why.empty() ? " does not answer" : " does not take over (" + why + ")") +
-                     ": this instance goes on"};
+  return {false, why_not(to, why) + ": this instance goes on"};
 }
 
 /// Another instance has this one's work, also where the worker does not know it yet.

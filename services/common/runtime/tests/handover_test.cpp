@@ -245,6 +245,26 @@ TEST(HandOver, TheReasonOfOneThatRefusesIsTold) {
   EXPECT_TRUE(chain.hears("elder", 1));
 }
 
+TEST(HandOver, OfOneThatHangsItIsToldWhatToDo) {
+  const Network network(2);
+  Chain chain(network.open(1));
+  Instance elder(network.open(0), "elder");
+  ASSERT_TRUE(chain.hears("elder", 1));
+  Watched<std::vector<zenoh::Query>> held;
+  const auto hangs = chain.session().declare_queryable(
+      kKeys.takeover("integration", "ghost"), [&held](zenoh::Query&& query) {
+        held.change([&](auto& queries) { queries.push_back(std::move(query)); });
+      });
+  const auto ghost = chain.session().declare_liveliness_token(
+      kKeys.active("integration", "ghost", "1", std::to_string(wall_ns())));
+  std::string reply;
+  while (reply.find("ghost") == std::string::npos) reply = said(chain.session(), "{}");
+  EXPECT_THAT(reply, testing::StartsWith("no: ghost is there and has not answered within 3 s"));
+  EXPECT_THAT(reply, testing::HasSubstr("end its process and start it again"));
+  EXPECT_THAT(reply, testing::EndsWith(": this instance goes on"));
+  EXPECT_TRUE(chain.hears("elder", 1));
+}
+
 TEST(HandOver, OneThatAStrangersTokenSilencesWorksAgainWhenItIsAskedTo) {
   const Network network(2);
   Chain chain(network.open(1));
