@@ -288,7 +288,13 @@ void StageCore::subscribe_again(const std::map<std::string, std::string>& silenc
     subscription.again_ns = now + subscription.wait_ns;
     if (begins) continue;
     log_warning("nothing comes: subscribing again", {{"key", subscription.inlet->key()}});
-    subscribe(subscription);
+    // On this thread an exception would end the process. The next attempt is at again_ns.
+    try {
+      subscribe(subscription);
+    } catch (const zenoh::ZenohError& e) {
+      log_error("could not subscribe again",
+                {{"key", subscription.inlet->key()}, {"what", e.what()}});
+    }
   }
 }
 
