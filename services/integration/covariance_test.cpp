@@ -52,9 +52,11 @@ TEST(FusedCovariance, GrowsWithTheOdometrySinceTheCorrection) {
   EXPECT_NEAR(integrator.add(odometry(3, false)).at(0).covariance(0, 0), 4e-4 + step, 1e-12);
 }
 
-// The odometry was right to a millimetre for 20 sweeps; then the map puts a sweep off_m beside it, and
-// the next ones as well. Returns the fused poses from the one based on that sweep on.
-std::vector<FusedPose> after_a_contradiction(double off_m, double wobble_m) {
+// The odometry was right to a millimetre for 20 sweeps; then the map puts a sweep off_m beside it,
+// and the next ones as well. Returns the fused poses from the one based on that sweep on. `before`:
+// health of the correction before that sweep.
+std::vector<FusedPose> after_a_contradiction(double off_m, double wobble_m,
+                                             Health before = Health::kOk) {
   Integrator integrator{IntegrationConfig{}};
   std::vector<FusedPose> fused;
   for (std::uint64_t n = 0; n < 24; ++n) {
@@ -66,7 +68,9 @@ std::vector<FusedPose> after_a_contradiction(double off_m, double wobble_m) {
     Pose T_map_odom = Pose::Identity();
     T_map_odom.translation().y() = (n % 2 == 0 ? 0.5 : -0.5) * wobble_m;
     if (n >= 20) T_map_odom.translation().y() += off_m;
-    integrator.add(correction(n, T_map_odom));
+    Correction mapped = correction(n, T_map_odom);
+    if (n == 19) mapped.health = before;
+    integrator.add(mapped);
   }
   return fused;
 }
@@ -81,6 +85,16 @@ TEST(FusedCovariance, HoldsWhereTheMapContradictsTheOdometry) {
   EXPECT_NEAR(std::abs(fused[0].weak.translation.x()), 1.0, 0.01);
   // From there on both agree; the record of the steps' errors has the one.
   EXPECT_LT(std::sqrt(fused[1].covariance(0, 0)), 0.2);
+}
+
+// Its step to the first pose that is measured again has the odometry's error of the time between.
+TEST(FusedCovariance, APoseThatTheMapDidNotMeasureContradictsNothing) {
+  for (const Health before : {Health::kPredicted, Health::kLost}) {
+    const std::vector<FusedPose> fused = after_a_contradiction(0.5, 0.002, before);
+    ASSERT_FALSE(fused.empty());
+    EXPECT_LT(std::sqrt(fused[0].covariance(0, 0)), 0.1);
+    EXPECT_EQ(fused[0].health, Health::kOk);
+  }
 }
 
 TEST(FusedCovariance, AnOdometryThatIsOftenOffContradictsNothing) {

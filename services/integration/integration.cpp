@@ -38,6 +38,16 @@ constexpr std::int64_t kOldCorrection_ns = 1'000'000'000;
 /// The pose was measured, at least along some directions.
 bool is_located(Health health) { return health == Health::kOk || health == Health::kDegenerate; }
 
+MappedPose mapped_pose(const OdometryPose& pose, const Correction& correction) {
+  return {pose.sweep,
+          pose.odom_epoch,
+          pose.instant_ns,
+          normalised(correction.T_map_odom * pose.T_odom_base),
+          pose.T_odom_base,
+          finite_or_zero(correction.covariance),
+          is_located(correction.health)};
+}
+
 /// A replay's next pose is carried on from its scheduled correction, so many poses before.
 std::size_t most_saved(const IntegrationConfig& config) {
   return std::max<std::size_t>(kSaved, config.mapping_every + config.correction_delay);
@@ -175,17 +185,18 @@ void Integrator::follow_map(const Correction& correction) {
   if (mapped_ && mapped_->sweep == correction.sweep) return;
   for (const OdometryPose& p : recent_) {
     if (p.sweep != correction.sweep || p.odom_epoch != correction.odom_epoch) continue;
-    const MappedPose now{p.sweep,       p.odom_epoch,
-                         p.instant_ns,  normalised(correction.T_map_odom * p.T_odom_base),
-                         p.T_odom_base, finite_or_zero(correction.covariance)};
+    const MappedPose now = mapped_pose(p, correction);
     contradiction_m_.setZero();
-    if (is_located(correction.health) && mapped_ && mapped_->odom_epoch == now.odom_epoch &&
+    if (now.located && mapped_ && mapped_->odom_epoch == now.odom_epoch &&
         mapped_->sweep < now.sweep) {
       const Pose by_map = mapped_->T_map_base.inverse() * now.T_map_base;
       const Pose by_odometry = mapped_->T_odom_base.inverse() * now.T_odom_base;
       const Matrix6 covariance = mapped_->covariance + now.covariance;
       const int sweeps = static_cast<int>(now.sweep - mapped_->sweep);
-      contradiction_m_ = steps_.contradiction_m(by_map, covariance, by_odometry, sweeps);
+      // A step from a pose that the map did not measure is not what the map says.
+      if (mapped_->located) {
+        contradiction_m_ = steps_.contradiction_m(by_map, covariance, by_odometry, sweeps);
+      }
       steps_.observe(by_map, covariance, by_odometry, seconds(now.instant_ns - mapped_->instant_ns),
                      sweeps);
     } else {

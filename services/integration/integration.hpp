@@ -93,10 +93,12 @@ struct MappedPose {
   Pose T_map_base = Pose::Identity();
   Pose T_odom_base = Pose::Identity();
   Matrix6 covariance = Matrix6::Zero();
+  /// the map has measured it; else it is predicted, or lost
+  bool located = false;
 
   template <class Bits>
   void each(Bits& bits) {
-    bits(sweep, odom_epoch, instant_ns, T_map_base, T_odom_base, covariance);
+    bits(sweep, odom_epoch, instant_ns, T_map_base, T_odom_base, covariance, located);
   }
 };
 
