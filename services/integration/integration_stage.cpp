@@ -106,7 +106,7 @@ void IntegrationStage::new_run(const msg::Header& first) {
   odometry_.clear();
   run_ = {first.run(), first.replay(), 0};
   if (was_in_run) {
-    begin_journal();
+    begin_journal({});
   } else {
     restart(first);
   }
@@ -122,14 +122,17 @@ void IntegrationStage::keep_unwritten(const std::string& error) {
                                         "trajectory.journal; the next start writes them");
 }
 
-void IntegrationStage::begin_journal() {
-  stage_.degraded("journal", "");
-  note_journal(journal_.begin({}));
-  note_journal(state_.begin());
+void IntegrationStage::begin_journal(const std::vector<JournalPose>& poses) {
+  stage_.degraded("journal", journal_.begin(poses));
+  stage_.degraded("state file", state_.begin());
 }
 
-void IntegrationStage::note_journal(const std::string& error) {
-  if (!error.empty()) stage_.degraded("journal", error);
+/// Reports an error until the journal has its poses.
+void IntegrationStage::append(const JournalPose& pose) {
+  const bool was_behind = journal_.is_behind();
+  const std::string error = journal_.append(pose);
+  const bool caught_up = was_behind && !journal_.is_behind();
+  if (caught_up || !error.empty()) stage_.degraded("journal", error);
 }
 
 std::string IntegrationStage::implausible(const OdometryMessage& message) {
@@ -217,14 +220,13 @@ void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& c
   // Written before the journal: if this process is killed in between, the other file still has the
   // state of the journal's last pose. Of poses released together only the last one has a state.
   if (integrator_.last_sweep() == fused.sweep) {
-    note_journal(state_.write({header.run, fused.sweep, integrator_.state()}));
+    stage_.degraded("state file", state_.write({header.run, fused.sweep, integrator_.state()}));
   }
   // Written after publishing: if this process is killed in between, the next instance publishes the
   // pose again, and readers drop the copy. Written before the acknowledgement, because acknowledged
   // sweeps are not requested again.
-  note_journal(journal_.append(
-      {header.run, fused.sweep, fused.instant_ns, header.odom_epoch, fused.T_map_base,
-       pose_of(message_of<msg::Odometry>(cause.bytes).pose_odom_base()), header.replay}));
+  append({header.run, fused.sweep, fused.instant_ns, header.odom_epoch, fused.T_map_base,
+          pose_of(message_of<msg::Odometry>(cause.bytes).pose_odom_base()), header.replay});
   if (header.last_packet_ns > 0) {
     stage_.latency("end_to_end",
                    1e-6 * static_cast<double>(stage_.now_ns() - header.last_packet_ns));

@@ -35,9 +35,9 @@ class IntegrationStage {
   /// Writes the poses that a killed instance left of a live run that does not continue.
   void write_left(const std::vector<JournalPose>& poses);
   void catch_up(const msg::Header& first);
-  void begin_journal();
+  void begin_journal(const std::vector<JournalPose>& poses);
   void keep_unwritten(const std::string& error);
-  void note_journal(const std::string& error);
+  void append(const JournalPose& pose);
   std::string implausible(const OdometryMessage& message);
   std::string implausible(const CorrectionMessage& message);
   runtime::Outcome take(const OdometryMessage& message);

@@ -140,13 +140,25 @@ std::string Journal::begin(const std::vector<JournalPose>& poses) {
 
 std::string Journal::append(const JournalPose& pose) {
   if (descriptor_ < 0) return {};
-  const Record record = record_of(pose);
-  const std::string_view bytes(reinterpret_cast<const char*>(record.data()), sizeof record);
-  if (write_all(descriptor_, bytes)) return {};
-  std::string error = path_ + ": " + std::strerror(errno);
-  // No more is written, because a record that was cut short would shift all later ones.
-  close();
-  return error;
+  const bool was_behind = is_behind();
+  waiting_.push_back(pose);
+  if (write_waiting() || was_behind) return {};
+  return path_ + ": " + std::strerror(errno);
+}
+
+/// False: some still wait, and errno says why.
+bool Journal::write_waiting() {
+  // A record that the attempt before cut short would shift all later ones.
+  if (::lseek(descriptor_, 0, SEEK_END) != bytes_ && ::ftruncate(descriptor_, bytes_) != 0) {
+    return false;
+  }
+  for (; !waiting_.empty(); waiting_.pop_front()) {
+    const Record record = record_of(waiting_.front());
+    const std::string_view bytes(reinterpret_cast<const char*>(record.data()), sizeof record);
+    if (!write_all(descriptor_, bytes)) return false;
+    bytes_ += static_cast<std::int64_t>(bytes.size());
+  }
+  return true;
 }
 
 void Journal::remove() {
@@ -157,6 +169,8 @@ void Journal::remove() {
 void Journal::close() {
   if (descriptor_ >= 0) ::close(descriptor_);
   descriptor_ = -1;
+  bytes_ = 0;
+  waiting_.clear();
 }
 
 }  // namespace zloam::integration

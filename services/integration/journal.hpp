@@ -4,6 +4,7 @@
 // is synced: of a power failure the journal survives up to the first record that the disk lacks.
 
 #include <cstdint>
+#include <deque>
 #include <string>
 #include <vector>
 
@@ -43,16 +44,22 @@ class Journal {
   std::string keep_unwritten() const;
   /// Starts a new journal that holds these poses.
   std::string begin(const std::vector<JournalPose>& poses);
-  /// Empty, or a sentence that says what failed.
+  /// Empty, or a sentence that says what failed, once. Poses that find no room are written before a
+  /// later one, when there is room again.
   std::string append(const JournalPose& pose);
+  bool is_behind() const { return !waiting_.empty(); }
   /// Called once the run's files are written.
   void remove();
 
  private:
   void close();
   std::string set_aside(const std::string& ending) const;
+  bool write_waiting();
   std::string path_;
   int descriptor_ = -1;
+  /// of the records that are whole
+  std::int64_t bytes_ = 0;
+  std::deque<JournalPose> waiting_;
 };
 
 }  // namespace zloam::integration

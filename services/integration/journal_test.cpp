@@ -201,6 +201,22 @@ TEST_F(JournalTest, AFullDiskIsNamedAndWhatWasWrittenBeforeIsLeft) {
   EXPECT_EQ(journal.read().size(), 1U);
 }
 
+TEST_F(JournalTest, WhenThereIsRoomAgainItHoldsAllPoses) {
+  Journal journal(path_);
+  ASSERT_EQ(journal.begin({pose(0)}), "");
+  {
+    const FileLimit limit(3 * std::filesystem::file_size(path_) / 2);
+    EXPECT_NE(journal.append(pose(1)), "");
+    EXPECT_EQ(journal.append(pose(2)), "");
+    EXPECT_TRUE(journal.is_behind());
+  }
+  EXPECT_EQ(journal.append(pose(3)), "");
+  EXPECT_FALSE(journal.is_behind());
+  const auto poses = journal.read();
+  ASSERT_EQ(poses.size(), 4U);
+  for (std::size_t i = 0; i < poses.size(); ++i) expect_equal(poses[i], pose(i));
+}
+
 TEST_F(JournalTest, ANewOneThatFindsNoRoomLeavesTheOldOneAndNothingElse) {
   Journal journal(path_);
   ASSERT_EQ(journal.begin({pose(0)}), "");

@@ -30,15 +30,15 @@ void IntegrationStage::restart(const msg::Header& first) {
                                                             runtime::kLongestSearch_ns));
   if (!goes_on) {
     if (!same_run) write_left(poses);
-    begin_journal();
+    begin_journal({});
     return;
   }
   const bool to_the_bit = same_run && resume(poses);
-  note_journal(state_.begin());
-  note_journal(journal_.begin(poses));
+  begin_journal(poses);
   take_up(poses, same_run);
   if (to_the_bit) {
-    note_journal(state_.write({first.run(), poses.back().sweep, integrator_.state()}));
+    stage_.degraded("state file",
+                    state_.write({first.run(), poses.back().sweep, integrator_.state()}));
   }
   if (same_run) {
     catch_up(first);

@@ -59,14 +59,15 @@ std::string StateFile::begin() {
   remove();
   for (std::size_t i = 0; i < paths_.size() && !paths_[i].empty(); ++i) {
     descriptors_[i] = ::open(paths_[i].c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0644);
-    if (descriptors_[i] < 0) return paths_[i] + ": " + std::strerror(errno);
+    if (descriptors_[i] < 0) not_begun_ = paths_[i] + ": " + std::strerror(errno);
+    if (!not_begun_.empty()) break;
   }
-  return {};
+  return not_begun_;
 }
 
 std::string StateFile::write(const SavedState& state) {
   const int descriptor = descriptors_[turn_];
-  if (descriptor < 0) return {};
+  if (descriptor < 0) return not_begun_;
   Head head{0, state.run, state.sweep, state.words.size()};
   head.checksum = checksum(head, state.words);
   std::vector<std::uint64_t> all = {head.checksum, head.run, head.sweep, head.words};
@@ -75,9 +76,7 @@ std::string StateFile::write(const SavedState& state) {
                                all.size() * sizeof all.front());
   // The other file stays intact, even if this write fails.
   if (::lseek(descriptor, 0, SEEK_SET) != 0 || !write_all(descriptor, bytes)) {
-    std::string error = paths_[turn_] + ": " + std::strerror(errno);
-    close();
-    return error;
+    return paths_[turn_] + ": " + std::strerror(errno);
   }
   turn_ = 1 - turn_;
   return {};
@@ -85,6 +84,7 @@ std::string StateFile::write(const SavedState& state) {
 
 void StateFile::remove() {
   close();
+  not_begun_.clear();
   for (const std::string& path : paths_) {
     if (!path.empty()) ::unlink(path.c_str());
   }

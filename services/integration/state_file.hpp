@@ -30,7 +30,7 @@ class StateFile {
   std::optional<SavedState> read(std::uint64_t run, std::uint64_t sweep) const;
   /// Starts new files: an instance that still has the old ones open can't write to these.
   std::string begin();
-  /// Empty, or a sentence that says what failed.
+  /// Empty, or a sentence that says what failed, now or at begin(). The next one is tried again.
   std::string write(const SavedState& state);
   void remove();
 
@@ -39,6 +39,7 @@ class StateFile {
   std::array<std::string, 2> paths_;
   std::array<int, 2> descriptors_{-1, -1};
   std::size_t turn_ = 0;
+  std::string not_begun_;
 };
 
 }  // namespace zloam::integration

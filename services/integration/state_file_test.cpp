@@ -92,6 +92,21 @@ TEST_F(StateFileTest, AFullDiskIsNamedAndTheOneBeforeIsLeft) {
   EXPECT_EQ(file.read(7, 9)->sweep, 0U);
 }
 
+TEST_F(StateFileTest, WhenThereIsRoomAgainTheNextOneIsKept) {
+  StateFile file(path_);
+  ASSERT_EQ(file.begin(), "");
+  ASSERT_EQ(file.write(state(0)), "");
+  {
+    const FileLimit limit(std::filesystem::file_size(path_ + ".0") - 1);
+    EXPECT_NE(file.write(state(1)), "");
+    EXPECT_NE(file.write(state(2)), "") << "as long as it lasts";
+    EXPECT_EQ(file.read(7, 9)->sweep, 0U);
+  }
+  EXPECT_EQ(file.write(state(3)), "");
+  EXPECT_EQ(file.read(7, 9)->sweep, 3U);
+  EXPECT_EQ(file.read(7, 2)->sweep, 0U);
+}
+
 TEST_F(StateFileTest, WithoutAPathNothingIsKeptAndAFolderThatIsNotThereIsSaid) {
   StateFile none("");
   EXPECT_EQ(none.begin(), "");
