@@ -104,6 +104,8 @@ void IntegrationStage::new_run(const msg::Header& first) {
   integrator_.reset();
   trajectory_.clear();
   odometry_.clear();
+  // What could not be written is in the journal that was kept.
+  unsaved_ = false;
   run_ = {first.run(), first.replay(), 0};
   if (was_in_run) {
     begin_journal({});
