@@ -56,6 +56,7 @@ AppendFile::~AppendFile() { close(); }
 
 AppendFile::AppendFile(AppendFile&& other) noexcept
     : descriptor_(std::exchange(other.descriptor_, -1)),
+      torn_(other.torn_),
       size_(other.size_),
       path_(std::move(other.path_)) {}
 
@@ -63,6 +64,7 @@ AppendFile& AppendFile::operator=(AppendFile&& other) noexcept {
   if (this != &other) {
     close();
     descriptor_ = std::exchange(other.descriptor_, -1);
+    torn_ = other.torn_;
     size_ = other.size_;
     path_ = std::move(other.path_);
   }
@@ -70,6 +72,7 @@ AppendFile& AppendFile::operator=(AppendFile&& other) noexcept {
 }
 
 void AppendFile::append(std::span<const std::uint8_t> bytes) {
+  cut();
   if (last_change()) {
     write_or_fail(descriptor_, bytes.first(bytes.size() / 2), path_);
     die();
@@ -77,11 +80,16 @@ void AppendFile::append(std::span<const std::uint8_t> bytes) {
   try {
     write_or_fail(descriptor_, bytes, path_);
   } catch (const std::system_error&) {
-    // On a full disk, cut off the half-written record: records after it could not be read.
-    if (::ftruncate(descriptor_, static_cast<off_t>(size_)) != 0) close();
+    // As on a full disk: records behind a half-written one could not be read.
+    torn_ = ::ftruncate(descriptor_, static_cast<off_t>(size_)) != 0;
     throw;
   }
   size_ += bytes.size();
+}
+
+void AppendFile::cut() {
+  if (torn_ && ::ftruncate(descriptor_, static_cast<off_t>(size_)) != 0) fail("can't cut", path_);
+  torn_ = false;
 }
 
 void AppendFile::sync() {

@@ -29,12 +29,17 @@ class AppendFile {
 
   bool is_open() const { return descriptor_ >= 0; }
   std::uint64_t size() const { return size_; }
+  /// All bytes, or none: what a failed attempt leaves is cut off, at the latest by the next one.
   void append(std::span<const std::uint8_t> bytes);
+  /// Cuts off what a failed append() left.
+  void cut();
   void sync();
   void close();
 
  private:
   int descriptor_ = -1;
+  /// bytes of a failed append() lie behind size_
+  bool torn_ = false;
   std::uint64_t size_ = 0;
   std::filesystem::path path_;
 };

@@ -1,10 +1,14 @@
 // The tile store on a full disk.
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/mman.h>
 #include <unistd.h>
 
 #include <cstdlib>
+#include <string>
 #include <system_error>
+#include <vector>
 
 #include "common/geometry/test_file_limit.hpp"
 #include "common/geometry/test_folder.hpp"
@@ -38,6 +42,27 @@ TEST_F(FullDisk, ACompactionThatFindsNoRoomLeavesIt) {
   EXPECT_EQ(store.get("loam/r/map/tile/a")->payload.size(), 1000U);
   store.compact();
   EXPECT_EQ(TileStore(folder_, limits, Access::kRead).keys().size(), 4U);
+}
+
+// As on a disk that fails: the next start would set the segments behind that record aside.
+TEST_F(FullDisk, NothingIsWrittenBehindAHalfWrittenRecordThatCannotBeCutOff) {
+  LogLimits limits;
+  limits.segment_bytes = 100;
+  RecordLog log(folder_, limits, [](std::span<const std::uint8_t>, const Place&) {});
+  const std::vector<std::uint8_t> body(100, 7);
+  log.append(body);
+  // The next segment is a file that never shrinks.
+  const int sealed = ::memfd_create("segment", MFD_CLOEXEC | MFD_ALLOW_SEALING);
+  ASSERT_EQ(::fcntl(sealed, F_ADD_SEALS, F_SEAL_SHRINK), 0);
+  fs::create_symlink("/proc/self/fd/" + std::to_string(sealed), folder_ / "00000002.log");
+  {
+    const FileLimit limit(50);
+    EXPECT_THROW(log.append(body), std::system_error);
+  }
+  for (int i = 0; i < 3; ++i) EXPECT_THROW(log.append(body), std::system_error);
+  EXPECT_FALSE(fs::exists(folder_ / "00000003.log"));
+  EXPECT_EQ(fs::file_size(folder_ / "00000002.log"), 50U);
+  ::close(sealed);
 }
 
 // The store tries again each second.

@@ -247,7 +247,11 @@ bool RecordLog::read_segment(std::uint64_t number, bool base, const OnRecord& on
 }
 
 void RecordLog::open_segment() {
-  if (segment_.is_open()) sync();
+  if (segment_.is_open()) {
+    // Segments behind a torn one are set aside at the next start.
+    segment_.cut();
+    sync();
+  }
   AppendFile next(path_of(number_ + 1, false));
   ++number_;
   segment_ = std::move(next);
