@@ -37,6 +37,12 @@ RegistrationStage::RegistrationStage(runtime::Stage& stage)
   options.on_given_up = [this](std::uint64_t run, std::uint64_t sweep, std::string_view) {
     publish_dropped(run, sweep);
   };
+  // On arrival: a sweep may be given up before any was processed here.
+  options.admit = [this](const runtime::Message& message) {
+    const bool is_present = !message.recovered || driver_term_ == 0;
+    if (is_present) driver_term_ = message.header->term();
+    return true;
+  };
   stage.inlet<msg::Sweep>(Key::kSweep, options, [this](const Sweep& sweep) { process(sweep); });
 }
 
@@ -53,7 +59,9 @@ void RegistrationStage::process(const Sweep& sweep) {
 }
 
 void RegistrationStage::publish_dropped(std::uint64_t run, std::uint64_t sweep) {
-  runtime::publish_dropped(stage_, features_, last_, run, sweep);
+  HeaderFields last = last_;
+  last.term = driver_term_;
+  runtime::publish_dropped(stage_, features_, last, run, sweep);
 }
 
 }  // namespace zloam::aloam

@@ -23,6 +23,8 @@ class RegistrationStage {
   SensorDefaults defaults_;
   runtime::Outlet& features_;
   HeaderFields last_;
+  /// of the sweep that arrived last
+  std::uint32_t driver_term_ = 0;
 };
 
 }  // namespace zloam::aloam

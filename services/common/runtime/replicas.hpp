@@ -19,7 +19,7 @@ void publish_progress(const Stage& stage, Outlet& progress, const Inlet& input, 
                       std::uint64_t run, std::uint64_t next_sweep);
 
 /// An empty message tells odometry not to wait for a sweep that was dropped here. last: the header
-/// of the features published last.
+/// of the features published last, with the driver's present term.
 void publish_dropped(const Stage& stage, Outlet& features, const HeaderFields& last,
                      std::uint64_t run, std::uint64_t sweep);
 
