@@ -247,6 +247,8 @@ void OdometryStage::note_imu(const OdometryResult& result) {
 }
 
 std::string OdometryStage::doubts_about_imu(const OdometryResult& result) const {
+  // An IMU whose readings have ended is ignored in any case.
+  if (silent_in_row_ >= kUncovered) return {};
   // Slices have no filter state, and an IMU that they ignore once is ignored for good.
   const bool ignored = !result.inertia && result.diagnostics.imu_contradictions > 1;
   if (ignored) return kInconsistent;
