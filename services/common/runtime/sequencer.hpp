@@ -42,7 +42,8 @@ class Sequencer {
  public:
   explicit Sequencer(const SequencerLimits& limits) : limits_(limits) {}
 
-  /// Takes the message, or returns why not. kQueueFull is never returned here: see given_up().
+  /// Takes the message, or returns why not; kQueueFull only of a newer run, whose missing sweeps
+  /// are requested when it begins. Of this run see given_up().
   std::optional<Drop> add(Message message, std::int64_t now_ns);
 
   /// The next message in order, if it is there or its gap was given up.
