@@ -47,8 +47,8 @@ bool LoopGraph::State::confirm(const Loop& loop, std::vector<Loop>& decided) {
   std::vector<Loop*> bearing;
   for (Loop& other : loops) {
     // What a user forced is no evidence.
-    const bool counts = !other.forced && (other.verdict == Verdict::kAccepted ||
-                                          other.verdict == Verdict::kAlone);
+    const bool counts =
+        !other.forced && (other.verdict == Verdict::kAccepted || other.verdict == Verdict::kAlone);
     if (counts && bears_out(loop, other)) bearing.push_back(&other);
   }
   return settle(loop, !bearing.empty(), bearing, decided);

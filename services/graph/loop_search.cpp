@@ -127,8 +127,8 @@ std::vector<LoopGraph::State::Candidate> LoopGraph::State::distinct(
 
 Loop LoopGraph::State::verified(std::size_t to, const Candidate& candidate,
                                 const std::vector<std::optional<Matrix6>>& known) const {
-  const Overlap overlap = matched(places[candidate.from].surfaces, places[to].surfaces,
-                                  candidate.guess, config.verify);
+  const Overlap overlap =
+      matched(places[candidate.from].surfaces, places[to].surfaces, candidate.guess, config.verify);
   Loop loop;
   loop.from = candidate.from;
   loop.to = to;

@@ -25,9 +25,7 @@ void refuse_filled(const fs::path& folder) {
 }
 
 ResultFolder::ResultFolder(fs::path folder)
-    : folder_(std::move(folder)),
-      unfinished_(folder_ / "unfinished"),
-      is_new_(!is_there(folder_)) {
+    : folder_(std::move(folder)), unfinished_(folder_ / "unfinished"), is_new_(!is_there(folder_)) {
   refuse_filled(folder_);
 }
 
