@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from test_evaluation import loop
-from zloam_monitor import cli, trajectory
+from zloam_monitor import cli, evaluation, trajectory
 from zloam_monitor.trajectory import Trajectory
 
 
@@ -89,3 +89,23 @@ def test_lines_with_a_stamp_of_another_line_are_reported(
         assert reported in capsys.readouterr().err
     assert run("evaluate", whole, whole) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_a_plot_is_drawn_of_what_the_figures_are_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The files of a long drive are joined and aligned once."""
+    aligned: list[int] = []
+    align = evaluation._alignment
+
+    def counted(positions: evaluation.Array, onto: evaluation.Array) -> evaluation.Array | None:
+        aligned.append(len(positions))
+        return align(positions, onto)
+
+    monkeypatch.setattr(evaluation, "_alignment", counted)
+    drive = loop(101)
+    made = files(tmp_path, drive, drive)
+    plot = tmp_path / "errors.png"
+    assert run("evaluate", made["estimate.tum"], made["truth.tum"], "--plot", plot) == 0
+    assert plot.is_file()
+    assert aligned == [101]

@@ -68,9 +68,9 @@ def evaluate(
             f"{reason}: give both with times (TUM)"
         )
     of_base = of_sensor.carried(se3.inverse(T_base_sensor))
-    scores = evaluation.evaluate(of_estimate, of_base).as_dict()
+    compared = evaluation.compare(of_estimate, of_base)
+    scores = evaluation.scores_of(compared, of_estimate, of_base).as_dict()
     answers.give(as_json, scores, (f"{name}: {_score(value)}" for name, value in scores.items()))
-    compared = evaluation.compare(of_estimate, of_base) if plot is not None else None
     if plot is not None and compared is not None:
         from zloam_monitor import picture
 

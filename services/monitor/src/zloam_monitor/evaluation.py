@@ -213,7 +213,11 @@ def compare(estimate: Trajectory, truth: Trajectory) -> Compared | None:
 
 def evaluate(estimate: Trajectory, truth: Trajectory) -> Scores:
     """All scores of one trajectory. `truth` must be of the same frame (see Trajectory.carried)."""
-    compared = compare(estimate, truth)
+    return scores_of(compare(estimate, truth), estimate, truth)
+
+
+def scores_of(compared: Compared | None, estimate: Trajectory, truth: Trajectory) -> Scores:
+    """The scores of what compare() has found."""
     if compared is None:
         return Scores(len(estimate), 0, remark=_too_few(estimate, truth))
     errors_m = compared.errors_m()
