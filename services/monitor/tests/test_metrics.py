@@ -175,6 +175,20 @@ def test_a_strangers_stages_are_bounded_and_end() -> None:
     assert up["a,mapping"] == up["a,store"] == 0.0
 
 
+def test_a_stage_beside_the_chain_that_was_stopped_is_not_missed() -> None:
+    """Else its alert would fire until `zloam metrics` is started again. One that was killed, and
+    a stage of the chain, are missed."""
+    heard = Heard([status(name, health="stopping") for name in ("store", "mapping")], [])
+    heard.statuses["graph", "a"] = status("graph")
+    assert instances(samples(heard), "zloam_up")["a,store"] == 1.0
+    heard.silent = 6.0
+    up = instances(samples(heard), "zloam_up")
+    assert {each: up[each] for each in up if each.startswith("a,")} == {
+        "a,mapping": 0.0,
+        "a,graph": 0.0,
+    }
+
+
 def alerts() -> list[dict[str, Any]]:
     (group,) = yaml.safe_load((OBSERVABILITY / "alerts.yml").read_text())["groups"]
     return list(group["rules"])

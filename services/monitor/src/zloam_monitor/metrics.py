@@ -77,7 +77,8 @@ def _is_fresh(age_s: float) -> bool:
 
 def _present(link: Link, now: float) -> list[tuple[StatusRecord, float]]:
     """Statuses that are not stale, with their ages in s; of a stage of stages.json without one, the
-    newest. Other instances have ended: what they said last would never end."""
+    newest. Other instances have ended: what they said last would never end. So has a stage beside
+    the chain that said that it stops; a chain is none without one of its own."""
     by_stage: dict[str, list[tuple[StatusRecord, float]]] = {}
     for status in link.statuses.values():
         by_stage.setdefault(status.stage, []).append((status, link.silent_s(status, now)))
@@ -85,8 +86,9 @@ def _present(link: Link, now: float) -> list[tuple[StatusRecord, float]]:
     for stage, each in by_stage.items():
         each.sort(key=lambda of: of[1])
         fresh = [of for of in each if _is_fresh(of[1])]
+        has_ended = stage not in STAGES and each[0][0].health == "stopping"
         if stage in ROWS:
-            found += fresh[:MOST_INSTANCES] or each[:1]
+            found += fresh[:MOST_INSTANCES] or each[: not has_ended]
         elif fresh and others < MOST_OTHERS:
             others += 1
             found += fresh[:MOST_INSTANCES]
