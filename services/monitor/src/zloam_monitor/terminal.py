@@ -20,13 +20,19 @@ def silence() -> None:
     os.close(sink)
 
 
-def last_words(text: str) -> None:
-    """Prints a text after Ctrl-C. The reader may have ended by it too, as in `zloam run | tee log`:
-    the command has not failed by that."""
+def _put(text: str) -> None:
+    """Writes a text. Its reader may have ended, also by the same Ctrl-C, as in `zloam run | tee
+    log`: the command has not failed by that."""
     try:
-        print(text, flush=True)
+        sys.stdout.write(text)
+        sys.stdout.flush()
     except BrokenPipeError:
         silence()
+
+
+def last_words(text: str) -> None:
+    """Prints a text after Ctrl-C."""
+    _put(text + "\n")
 
 
 class ProgressLine:
@@ -45,15 +51,13 @@ class ProgressLine:
             return
         self._next = now + self._pause
         if self._terminal:
-            sys.stdout.write("\r\x1b[K" + text)
+            _put("\r\x1b[K" + text)
             self._shown = True
         else:
-            sys.stdout.write(text + "\n")
-        sys.stdout.flush()
+            _put(text + "\n")
 
     def end(self) -> None:
         """Ends the line, so that further output starts on a new one."""
         if self._shown:
-            sys.stdout.write("\n")
-            sys.stdout.flush()
+            _put("\n")
             self._shown = False
