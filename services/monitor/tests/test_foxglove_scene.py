@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -155,6 +156,22 @@ def test_rerun_clears_the_paths_of_another_run_or_map(run: int, map_id: int, pie
     scene.keep(tile(0, map_id))
     scene._pose(pose(run))
     assert len([each for each in shown if "path" in each]) == pieces
+
+
+def test_rerun_ends_the_sureness_of_a_pose_before() -> None:
+    rr = pytest.importorskip("rerun")
+    shown: list[str] = []
+
+    def log(entity: str, what: Any, **_: Any) -> None:
+        if entity in ("map/sureness", "plots/sigma/position_m"):
+            shown.append(type(what).__name__)
+
+    recording = SimpleNamespace(log=log, set_time=lambda *_, **__: None)
+    scene = rerun_scene.Scene(Keys("r"), recording, np.eye(4))
+    scene._pose(replace(pose(run=7), covariance=tuple(np.eye(6).ravel())))
+    scene._pose(pose(run=7))
+    kinds = [rr.Ellipsoids3D, rr.Scalars, rr.Clear]
+    assert shown == [kind.__name__ for kind in kinds]
 
 
 def samples(keys: Keys) -> list[Sample]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Iterator
 
@@ -88,6 +89,39 @@ def test_what_can_be_no_pose_is_counted_as_unreadable(
         session.publish(session.keys.pose, compose.pose("MapPose", header, n, at, turned))
     hearing.poll()
     assert (list(hearing.poses), hearing.garbage) == ([0], 1)
+
+
+def test_a_covariance_with_nan_is_unknown(session: FakeSession) -> None:
+    """Else the chart of the report has no scale, and Rerun draws no pose."""
+    hearing = Link(session, session.keys)
+    for n, cell in enumerate((0.25, NAN)):
+        whole = np.eye(6)
+        whole[1, 1] = cell
+        upright = (0.0, 0.0, 0.0, 1.0)
+        pose = compose.pose(
+            "MapPose", HeaderValues(1, n, n), n, (0, 0, 0), upright, 0, whole.ravel()
+        )
+        session.publish(session.keys.pose, pose)
+    hearing.poll()
+    assert [len(each.covariance) for each in hearing.poses.values()] == [36, 0]
+
+
+@pytest.mark.parametrize("mib", [NAN, math.inf, -1.0])
+def test_a_memory_that_is_none_is_counted_as_unreadable(session: FakeSession, mib: float) -> None:
+    hearing = Link(session, session.keys)
+    status = compose.status("mapping", 1, 1, 1, [], {}, rss_mib=mib)
+    session.publish(session.keys.below("service/mapping/mapping-1/status"), status)
+    hearing.poll()
+    assert (hearing.statuses, hearing.garbage) == ({}, 1)
+
+
+def test_a_tile_with_a_point_that_is_none_is_left_out(session: FakeSession) -> None:
+    points = np.zeros(5, MAP_POINT)
+    points["z"][3] = NAN
+    tile = compose.tile(HeaderValues(1, 0, 0), "plane", (0, 0, 0), points)
+    session.rounds = {session.keys.below("map/tile/plane/0/0/0"): [[tile]]}
+    asking = linked(session)
+    assert (asking.query_tiles(["plane"]), asking.garbage) == ([], 1)
 
 
 HOUR_NS = 3600 * 10**9

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import threading
 from collections.abc import Iterator
 from http.server import ThreadingHTTPServer
@@ -22,7 +23,12 @@ NAMES = ("robot", "robot+1", "käthe", "50%25", "a@b:c,d", "a%2Fb")
 
 @pytest.fixture
 def url() -> Iterator[str]:
-    views = {name: SimpleNamespace(state=lambda name=name: {"robot": name}) for name in NAMES}
+    views = {
+        name: SimpleNamespace(
+            state=lambda name=name: {"robot": name}, map_view=lambda: {"cell_m": math.nan}
+        )
+        for name in NAMES
+    }
     robots: Any = SimpleNamespace(names=lambda: list(NAMES), view=views.get)
     handler = type("Handler", (_Handler,), {"robots": robots})
     server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
@@ -39,3 +45,9 @@ def test_a_robot_of_any_name_is_shown(url: str, name: str) -> None:
     assert name_error(name) is None
     with urlopen(f"{url}/robots/{quote(name, safe='')}/state.json") as answer:
         assert json.load(answer) == {"robot": name}
+
+
+def test_what_is_no_number_is_null(url: str) -> None:
+    """JSON has no NaN: a browser could read nothing of the answer."""
+    with urlopen(f"{url}/robots/robot/map.json") as answer:
+        assert answer.read() == b'{"cell_m": null}'

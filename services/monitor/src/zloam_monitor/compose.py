@@ -89,17 +89,25 @@ def _pose_struct(b: flatbuffers.Builder, position: Any, quaternion: Any) -> int:
 
 
 def pose(
-    table: str, v: HeaderValues, instant_ns: int, position: Any, quaternion: Any, health: int = 0
+    table: str,
+    v: HeaderValues,
+    instant_ns: int,
+    position: Any,
+    quaternion: Any,
+    health: int = 0,
+    covariance: Any = (),
 ) -> bytes:
     """A MapPose or Odometry message; table: its name."""
     b = flatbuffers.Builder(0)
     head, m = header(b, v), module(table)
+    cells = b.CreateNumpyVector(np.asarray(covariance, np.float64))
     field_name = "PoseMapBase" if table == "MapPose" else "PoseOdomBase"
     getattr(m, table + "Start")(b)
     getattr(m, table + "AddHeader")(b, head)
     getattr(m, table + "AddInstantNs")(b, instant_ns)
     getattr(m, table + "Add" + field_name)(b, _pose_struct(b, position, quaternion))
     getattr(m, table + "AddHealth")(b, health)
+    getattr(m, table + "AddCovariance")(b, cells)
     return _finish(b, table, getattr(m, table + "End")(b))
 
 
@@ -199,6 +207,14 @@ def _input(b: flatbuffers.Builder, counts: Counts) -> int:
     return int(a.InputAccountEnd(b))
 
 
+def _figure(b: flatbuffers.Builder, name: str, value: float) -> int:
+    text, f = b.CreateString(name), module("Figure")
+    f.FigureStart(b)
+    f.FigureAddName(b, text)
+    f.FigureAddValue(b, value)
+    return int(f.FigureEnd(b))
+
+
 def status(
     stage: str,
     stamp_ns: int,
@@ -211,6 +227,8 @@ def status(
     reason: str = "",
     published_bytes: dict[str, int] | None = None,
     instance: str | None = None,
+    figures: dict[str, float] | None = None,
+    rss_mib: float = 12.0,
 ) -> bytes:
     """A Status message with the fields that a monitor reads."""
     b = flatbuffers.Builder(0)
@@ -225,6 +243,7 @@ def status(
         o.OutputAccountAddBytes(b, (published_bytes or {}).get(key, 0))
         outs.append(o.OutputAccountEnd(b))
     out_vector = _table_vector(b, outs)
+    figure_vector = _table_vector(b, [_figure(b, *each) for each in (figures or {}).items()])
     texts = [b.CreateString(t) for t in (stage, instance or f"{stage}-1", reason)]
     s.StatusStart(b)
     s.StatusAddStage(b, texts[0])
@@ -238,9 +257,10 @@ def status(
     s.StatusAddEndOfRun(b, end_of_run)
     s.StatusAddInputs(b, ins)
     s.StatusAddOutputs(b, out_vector)
+    s.StatusAddFigures(b, figure_vector)
     s.StatusAddCpuMs(b, 100.0)
     s.StatusAddRssStartMib(b, 10.0)
-    s.StatusAddRssNowMib(b, 12.0)
+    s.StatusAddRssNowMib(b, rss_mib)
     s.StatusAddRssPeakMib(b, 13.0)
     return _finish(b, "Status", s.StatusEnd(b))
 

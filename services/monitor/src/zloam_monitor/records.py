@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -179,6 +180,12 @@ def _vector(vec3: Any) -> tuple[float, float, float]:
     return (0.0, 0.0, 0.0) if vec3 is None else (vec3.X(), vec3.Y(), vec3.Z())
 
 
+def _covariance(table: Any) -> tuple[float, ...]:
+    """Unknown if a cell is not finite: one NaN would spoil all that is computed from it."""
+    cells = tuple(table.Covariance(i) for i in range(table.CovarianceLength()))
+    return cells if all(map(math.isfinite, cells)) else ()
+
+
 def _pose(table: Any, pose: Any) -> PoseRecord:
     header = table.Header()
     if header is None or pose is None:
@@ -197,7 +204,7 @@ def _pose(table: Any, pose: Any) -> PoseRecord:
         degenerate=bool(table.Degenerate()),
         jump=bool(table.Jump()) if hasattr(table, "Jump") else False,
         weak_translation=_vector(table.WeakTranslation()),
-        covariance=tuple(table.Covariance(i) for i in range(table.CovarianceLength())),
+        covariance=_covariance(table),
         config_rev=header.ConfigRev(),
         map_id=header.MapId(),
     )
@@ -230,6 +237,12 @@ def _input(account: Any) -> Input:
     )
 
 
+def _measured(value: float, what: str) -> float:
+    if not 0.0 <= value < math.inf:
+        raise messages.MessageError(f"no {what}: {value}")
+    return float(value)
+
+
 def status(payload: bytes) -> StatusRecord:
     """Decodes a message of key service/<stage>/<instance>/status."""
     s = messages.decode("Status", payload)
@@ -252,8 +265,15 @@ def status(payload: bytes) -> StatusRecord:
             for each in latencies
         },
         figures={text(f.Name()): f.Value() for f in figures},
-        cpu_ms=s.CpuMs(),
-        rss_mib={"start": s.RssStartMib(), "end": s.RssNowMib(), "peak": s.RssPeakMib()},
+        cpu_ms=_measured(s.CpuMs(), "processor time"),
+        rss_mib={
+            name: _measured(mib, "memory")
+            for name, mib in (
+                ("start", s.RssStartMib()),
+                ("end", s.RssNowMib()),
+                ("peak", s.RssPeakMib()),
+            )
+        },
         version=text(s.Version()),
         started_ns=s.StartedNs(),
         memory={
@@ -305,6 +325,8 @@ def tile(payload: bytes) -> Tile:
     """Decodes a message of key map/tile/<layer>/<i>/<j>/<k>."""
     t = messages.decode("MapTile", payload)
     points = messages.struct_vector(t, "Points", messages.MAP_POINT)
+    if not all(np.isfinite(points[axis]).all() for axis in ("x", "y", "z")):
+        raise messages.MessageError("a point of a tile is not finite")  # As the stages do.
     header = t.Header()
     map_id = header.MapId() if header is not None else 0
     return Tile(text(t.Layer()), (t.I(), t.J(), t.K()), t.Version(), points, map_id)

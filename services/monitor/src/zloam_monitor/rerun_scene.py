@@ -15,6 +15,7 @@ from zloam_monitor.extras import needed
 from zloam_monitor.intake import Sample
 from zloam_monitor.keys import Keys
 from zloam_monitor.map_frame import MapFrame, Matrix, matrix
+from zloam_monitor.pose_health import position_sigma_m
 from zloam_monitor.preview_map import Index, PreviewMap
 from zloam_monitor.records import PoseRecord, PreviewRecord, StatusRecord
 
@@ -152,9 +153,9 @@ class Scene:
 
     def _sureness(self, pose: PoseRecord, T_map_base: Matrix) -> None:
         rr = self._rr
-        if len(pose.covariance) == 36:
-            covariance = np.array(pose.covariance).reshape(6, 6)[:3, :3]
-            values, vectors = np.linalg.eigh(covariance)
+        longest_m = position_sigma_m(pose)
+        if longest_m is not None:
+            values, vectors = np.linalg.eigh(np.array(pose.covariance).reshape(6, 6)[:3, :3])
             sigma_m = np.sqrt(np.maximum(values, 0.0))
             if np.linalg.det(vectors) < 0:
                 vectors[:, 0] *= -1.0
@@ -169,7 +170,10 @@ class Scene:
                     colors=[POSE_COLOUR],
                 ),
             )
-            self._scalar("plots/sigma/position_m", float(np.sqrt(values.max(initial=0.0))))
+            self._scalar("plots/sigma/position_m", longest_m)
+        else:
+            # Rerun would go on showing that of an earlier pose.
+            self._log("map/sureness", rr.Clear(recursive=False))
         weak = np.array(pose.weak_translation)
         arrows = [3.0 * weak] if pose.degenerate and weak.any() else []
         self._log(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import json
 import re
 import sys
 import threading
@@ -16,7 +15,7 @@ from importlib import resources
 from typing import Any, NamedTuple
 from urllib.parse import unquote
 
-from zloam_monitor import discovery, ending
+from zloam_monitor import answers, discovery, ending
 from zloam_monitor.discovery import Found
 from zloam_monitor.link import LinkError
 from zloam_monitor.ports import not_listening
@@ -124,8 +123,8 @@ class _Handler(BaseHTTPRequestHandler):
             self._json(view.state() if what == "state" else view.map_view())
 
     def _json(self, value: Any) -> None:
-        data = json.dumps(value, separators=(",", ":")).encode()
-        self._answer(HTTPStatus.OK, "application/json", data)
+        # Browsers refuse what Python's JSON has beyond JSON, such as NaN.
+        self._answer(HTTPStatus.OK, "application/json", answers.text(value).encode())
 
     def _answer(self, status: HTTPStatus, kind: str, data: bytes) -> None:
         packed = "gzip" in self.headers.get("Accept-Encoding", "") and len(data) > 500
