@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link
 from zloam_monitor.mcap_file import RecordingError
 from zloam_monitor.ports import PortTaken
+from zloam_monitor.processes import listen_error
+from zloam_monitor.web import server
 
 
 @pytest.mark.parametrize("command", ["web", "view", "foxglove", "metrics"])
@@ -50,6 +53,49 @@ def test_metrics_name_an_address_that_is_none() -> None:
     registry = pytest.importorskip("prometheus_client").CollectorRegistry()
     with pytest.raises(PortTaken, match=r"can't listen on a\.\.b:0: .*label empty"):
         metrics._started(0, "a..b", registry)
+
+
+class Nobody:
+    """Stands for the robots of a page: there is none."""
+
+    def __init__(self, *_: Any) -> None:
+        self.namesakes: list[str] = []
+
+    def names(self) -> list[str]:
+        return []
+
+    silences = names
+
+    def close(self) -> None: ...
+
+
+@pytest.mark.parametrize(("address", "shown"), [("127.0.0.1", "127.0.0.1"), ("::1", r"\[::1\]")])
+def test_a_page_is_served_to_both_kinds_of_addresses(
+    address: str, shown: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if listen_error(0, address) is not None:
+        pytest.skip(f"this machine has no {address}")
+    monkeypatch.setattr(server, "Robots", Nobody)
+    assert server.serve([], address, 0, 0.0) == 0
+    assert re.match(rf"http://{shown}:\d+/ shows", capsys.readouterr().out)
+
+
+def test_a_page_that_can_not_be_served_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "Robots", Nobody)
+    with pytest.raises(PortTaken, match=r"can't listen on \[2001:db8::7\]:0: "):
+        server.serve([], "2001:db8::7", 0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("address", "page"),
+    [
+        ("127.0.0.1", "127.0.0.1:9090/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9091%2Fproxy"),
+        ("::1", "[::1]:9090/?url=rerun%2Bhttp%3A%2F%2F%5B%3A%3A1%5D%3A9091%2Fproxy"),
+        ("::", "[::1]:9090/?url=rerun%2Bhttp%3A%2F%2F%5B%3A%3A1%5D%3A9091%2Fproxy (elsewhere"),
+    ],
+)
+def test_rerun_names_the_page_and_its_data(address: str, page: str) -> None:
+    assert rerun_view.Options(web=True, address=address).page.startswith(f"http://{page}")
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from zloam_monitor.foxglove_scene import TOPICS, Scene, expressions
 from zloam_monitor.intake import MIB, Intake
 from zloam_monitor.link import Link
 from zloam_monitor.map_copy import START_S, MapCopy, lacks
-from zloam_monitor.ports import not_listening
+from zloam_monitor.ports import in_url, not_listening
 from zloam_monitor.terminal import ProgressLine, unreadable
 
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
@@ -94,8 +94,8 @@ def serve(link: Link, address: str, port: int, seconds: float | None) -> int:
     try:
         with ending.until_told(seconds) as goes_on:
             print(
-                f"ws://{address}:{server.port} for Foxglove or Lichtblick (open connection, "
-                f"Foxglove WebSocket; import the layout {LAYOUT}); Ctrl-C ends",
+                f"ws://{in_url(address)}:{server.port} for Foxglove or Lichtblick (open "
+                f"connection, Foxglove WebSocket; import the layout {LAYOUT}); Ctrl-C ends",
                 flush=True,
             )
             if said := lacks(server.lacking):

@@ -13,7 +13,7 @@ from prometheus_client import CollectorRegistry, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 from zloam_monitor.link import Link
-from zloam_monitor.ports import not_listening
+from zloam_monitor.ports import in_url, not_listening
 from zloam_monitor.records import HEALTH, SERVICE_HEALTH, PoseRecord, StatusRecord
 from zloam_monitor.stages import ROWS, STAGES
 from zloam_monitor.watch import STALE_SECONDS
@@ -212,9 +212,8 @@ def serve(link: Link, address: str, port: int, seconds: float | None = None) -> 
     registry = CollectorRegistry()
     registry.register(seen)
     server, thread = _started(port, address, registry)
-    print(
-        f"metrics of robot {seen.robot}: http://{address}:{server.server_port}/metrics", flush=True
-    )
+    where = f"http://{in_url(address)}:{server.server_port}/metrics"
+    print(f"metrics of robot {seen.robot}: {where}", flush=True)
     link.query_statuses()
     began = time.monotonic()
     try:

@@ -25,9 +25,15 @@ class PortTaken(FileTrouble):
     """A program cannot listen; the text says where, and which other one does if that is known."""
 
 
+def in_url(address: str) -> str:
+    """A host as it stands before a port: an IPv6 address is in brackets there."""
+    return f"[{address}]" if ":" in address else address
+
+
 def not_listening(address: str, port: int, error: Exception) -> PortTaken:
     """For a server of this program that could not listen."""
-    return PortTaken(f"can't listen on {address}:{port}: {getattr(error, 'strerror', '') or error}")
+    why = getattr(error, "strerror", "") or error
+    return PortTaken(f"can't listen on {in_url(address)}:{port}: {why}")
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from zloam_monitor import ending, se3, thin
 from zloam_monitor.extras import ViewerError, needed
@@ -21,7 +22,7 @@ from zloam_monitor.intake import MIB, Intake
 from zloam_monitor.link import Link
 from zloam_monitor.map_copy import START_S, MapCopy, lacks
 from zloam_monitor.mcap_file import RecordingError
-from zloam_monitor.ports import PortTaken
+from zloam_monitor.ports import PortTaken, in_url
 from zloam_monitor.processes import is_free
 from zloam_monitor.rerun_scene import Scene, blueprint, expressions
 from zloam_monitor.terminal import ProgressLine, unreadable
@@ -31,7 +32,9 @@ MOST_WAITING_BYTES = 64 * MIB
 #: Memory in which the server for browsers keeps data for those who open the page later.
 KEPT = "512MiB"
 APPLICATION = "zloam"
-HERE, EVERYWHERE = "127.0.0.1", "0.0.0.0"
+HERE = "127.0.0.1"
+#: All addresses of a machine -> one by which the machine reaches itself.
+EVERYWHERE = {"0.0.0.0": HERE, "::": "::1"}
 START_SECONDS = 20.0
 #: Interval at which a file is asked whether it takes what is written.
 FLUSH_SECONDS = 0.5
@@ -53,16 +56,20 @@ class Options:
     @property
     def host(self) -> str:
         """Host by which this machine reaches the servers."""
-        return HERE if self.address == EVERYWHERE else self.address
+        return EVERYWHERE.get(self.address, self.address)
+
+    @property
+    def data(self) -> str:
+        """Address of the server of the data."""
+        return f"rerun+http://{in_url(self.host)}:{self.port + 1}/proxy"
 
     @property
     def page(self) -> str:
         """Address of the page for browsers, with the address of its data."""
-        data = f"rerun%2Bhttp%3A%2F%2F{self.host}%3A{self.port + 1}%2Fproxy"
-        page = f"http://{self.host}:{self.port}/?url={data}"
-        if self.address != EVERYWHERE:
+        page = f"http://{in_url(self.host)}:{self.port}/?url={quote(self.data, safe='')}"
+        if self.address not in EVERYWHERE:
             return page
-        return f"{page} (elsewhere with this machine's name for {HERE}, both times)"
+        return f"{page} (elsewhere with this machine's name for {self.host}, both times)"
 
 
 class Viewer:
@@ -84,7 +91,9 @@ class Viewer:
         environment = {**os.environ, "XDG_CONFIG_HOME": self._settings.name}
         for port in (options.port, options.port + 1):
             if not is_free(port, options.address):
-                raise PortTaken(f"{options.address}:{port} is taken: choose others by --port")
+                raise PortTaken(
+                    f"{in_url(options.address)}:{port} is taken: choose others by --port"
+                )
         self._words = Path(self._settings.name) / "words"
         with self._words.open("w") as out:
             self._process = subprocess.Popen(command, env=environment, stdout=out, stderr=out)
@@ -176,9 +185,8 @@ def _shown(recording: Any, options: Options, plan: Any) -> Iterator[_Sink]:
         yield _Sink(recording, options, None)
         return
     with contextlib.closing(Viewer(options)) as viewer:
-        port = options.port + 1
-        viewer.wait_for(options.host, port)
-        recording.connect_grpc(f"rerun+http://{options.host}:{port}/proxy", default_blueprint=plan)
+        viewer.wait_for(options.host, options.port + 1)
+        recording.connect_grpc(options.data, default_blueprint=plan)
         try:
             yield _Sink(recording, options, viewer)
         finally:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import re
+import socket
 import sys
 import threading
 import time
@@ -18,7 +19,7 @@ from urllib.parse import unquote
 from zloam_monitor import answers, discovery, ending
 from zloam_monitor.discovery import Found
 from zloam_monitor.link import LinkError
-from zloam_monitor.ports import not_listening
+from zloam_monitor.ports import in_url, not_listening
 from zloam_monitor.version import version
 from zloam_monitor.web.robot_view import RobotView
 
@@ -148,6 +149,14 @@ class _Handler(BaseHTTPRequestHandler):
         """Does nothing: there would be a line every second."""
 
 
+class _Server(ThreadingHTTPServer):
+    """Listens on an address of IPv4 or IPv6."""
+
+    def __init__(self, address: str, port: int, handler: type[_Handler]) -> None:
+        self.address_family = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM)[0][0]
+        super().__init__((address, port), handler)
+
+
 def serve(
     endpoints: Sequence[str], address: str, port: int, seconds: float | None, thin: bool = False
 ) -> int:
@@ -155,7 +164,7 @@ def serve(
     robots = Robots(endpoints, thin)
     handler = type("Handler", (_Handler,), {"robots": robots})
     try:
-        server = ThreadingHTTPServer((address, port), handler)
+        server = _Server(address, port, handler)
     except (OSError, UnicodeError) as error:  # UnicodeError: of a name like a..b.
         robots.close()
         raise not_listening(address, port, error) from error
@@ -166,8 +175,8 @@ def serve(
     namesakes: list[str] = []
     try:
         with ending.until_told(seconds) as goes_on:
-            where, whom = f"http://{address}:{server.server_port}/", ", ".join(robots.names())
-            print(f"{where} shows {whom}; Ctrl-C ends", flush=True)
+            where, whom = f"{in_url(address)}:{server.server_port}", ", ".join(robots.names())
+            print(f"http://{where}/ shows {whom}; Ctrl-C ends", flush=True)
             while goes_on():
                 time.sleep(0.1)
                 if (silences := robots.silences()) != said:
