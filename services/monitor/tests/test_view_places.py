@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import socket
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,21 @@ def test_the_page_of_a_view_needs_two_ports(capsys: pytest.CaptureFixture[str]) 
     assert cli.main(["view", "--port", "65535", "--connect", "tcp/127.0.0.1:1"]) == 2
     # Code 2 is that of any wrong command line.
     assert "--port" in capsys.readouterr().err
+
+
+#: Saves a view where a file may have 4 kB, as on a disk that is full after that.
+FULL = """
+import resource, sys
+from pathlib import Path
+from test_view_places import linked
+from zloam_monitor import mcap_file, rerun_view
+most = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, most))
+try:
+    rerun_view.view(linked(), rerun_view.Options(save=Path(sys.argv[1])), 0.0)
+except mcap_file.RecordingError as error:
+    print(error)
+"""
 
 
 def linked() -> Link:
@@ -123,3 +140,13 @@ def test_a_new_file_is_written(tmp_path: Path) -> None:
     path = tmp_path / "folder" / "new.rrd"
     assert rerun_view.view(linked(), rerun_view.Options(save=path), 0.0) == 0
     assert path.read_bytes().startswith(b"RRF2")
+
+
+def test_a_disk_without_room_for_the_layout_is_told(tmp_path: Path) -> None:
+    """In a process of its own, as Rerun waits for ever where the test fails."""
+    pytest.importorskip("rerun")
+    path = tmp_path / "new.rrd"
+    command = [sys.executable, "-c", FULL, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60.0)
+    assert (done.returncode, done.stdout) == (0, f"{path} can't be created: File too large\n")
+    assert not path.exists()

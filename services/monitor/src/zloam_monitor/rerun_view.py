@@ -36,6 +36,8 @@ HERE = "127.0.0.1"
 #: All addresses of a machine -> one by which the machine reaches itself.
 EVERYWHERE = {"0.0.0.0": HERE, "::": "::1"}
 START_SECONDS = 20.0
+#: Room that a file needs at its beginning; Rerun writes some 25 kB of layout at once.
+BEGINNING_BYTES = MIB
 #: Interval at which a file is asked whether it takes what is written.
 FLUSH_SECONDS = 0.5
 
@@ -130,15 +132,27 @@ class Viewer:
         self._settings.cleanup()
 
 
+def _try_room(path: Path) -> None:
+    """Raises OSError, and leaves no file, if the disk has no room for the beginning of a recording:
+    Rerun then waits for ever for the layout to be written."""
+    try:
+        with path.open("xb") as file:
+            os.posix_fallocate(file.fileno(), 0, BEGINNING_BYTES)
+    finally:
+        path.unlink(missing_ok=True)
+
+
 def _saved(recording: Any, path: Path, plan: Any) -> None:
     """Makes the recording write to a new file; raises RecordingError."""
     if os.path.lexists(path):
         raise RecordingError(f"{path} is there already: choose another name")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _try_room(path)
         recording.save(path, default_blueprint=plan)
     except (OSError, RuntimeError) as error:  # The latter is Rerun's, for any failure.
-        raise RecordingError(f"{path} can't be created: {error}") from error
+        why = getattr(error, "strerror", None) or error
+        raise RecordingError(f"{path} can't be created: {why}") from error
 
 
 class _Sink:
