@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from fake_session import FakeSession, needs_schemas
 from zloam_monitor import compose
+from zloam_monitor.clouds import Tile
 from zloam_monitor.compose import HeaderValues
 from zloam_monitor.link import Link
-from zloam_monitor.map_copy import MapCopy, lacks
+from zloam_monitor.map_copy import MapCopy, lacks, show_past
 from zloam_monitor.messages import MAP_POINT
 
 SECONDS = 60.0
@@ -71,6 +75,73 @@ def test_what_was_dropped_on_the_way_is_told_and_asked_for_again(session: FakeSe
     assert lacks(copy.lacking).startswith("1 tiles of the map did not come")
     assert sizes(copy) == {0: 5, 1: 5, 2: 5}
     assert copy.lacking == 0
+
+
+def tell_tiles(session: FakeSession, count: int) -> None:
+    """What mapping's status says of its map."""
+    session.alive = ("mapping",)
+    status = compose.status("mapping", count, 1, 1, [], {}, figures={"map_tiles": float(count)})
+    session.rounds[session.keys.below("service/mapping/mapping-1/status")] = [[status]]
+
+
+def test_a_head_that_was_dropped_is_a_tile_that_lacks(session: FakeSession) -> None:
+    for i in range(3):
+        hold(session, i, version=1, points=5)
+    tell_tiles(session, 4)
+    copy = copy_of(session)
+    assert len(sizes(copy)) == 3
+    assert copy.lacking == 1
+    hold(session, 3, version=1, points=5)
+    assert len(sizes(copy)) == 4
+    assert copy.lacking == 0
+
+
+def test_all_heads_that_were_dropped_are_no_empty_map(session: FakeSession) -> None:
+    tell_tiles(session, 4)
+    copy = copy_of(session)
+    assert sizes(copy) == {}
+    assert copy.lacking == 4
+
+
+class Drawn:
+    """What a view shows of the past."""
+
+    def __init__(self) -> None:
+        self.tiles: list[int] = []
+
+    def keep_path(self, run: int, poses: NDArray[Any]) -> None: ...
+
+    def keep(self, tile: Tile) -> None:
+        self.tiles.append(tile.index[0])
+
+
+def test_a_view_that_starts_asks_again_for_what_was_dropped(
+    session: FakeSession, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It looks once: what does not come then is shown only when it changes."""
+    for i in range(3):
+        hold(session, i, version=1, points=5)
+    for i, times in ((0, 1), (1, 2)):
+        key = session.keys.tile("plane", (i, 0, 0))
+        session.rounds[key] = [[]] * times + session.rounds[key]
+    scene = Drawn()
+    show_past(Link(session, session.keys), scene)
+    assert sorted(scene.tiles) == [0, 1, 2]
+    assert capsys.readouterr().out == ""
+
+
+def test_a_tile_that_never_comes_is_told_and_does_not_hold_the_view_up(
+    session: FakeSession, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for i in range(3):
+        hold(session, i, version=1, points=5)
+    key = session.keys.tile("plane", (1, 0, 0))
+    session.rounds[key] = [[]]
+    scene = Drawn()
+    show_past(Link(session, session.keys), scene)
+    assert sorted(scene.tiles) == [0, 2]
+    assert capsys.readouterr().out.startswith("1 tiles of the map did not come")
+    assert session.selectors.count(key) == 2
 
 
 def test_a_slow_link_ends_the_update_and_the_next_one_goes_on(session: FakeSession) -> None:

@@ -19,6 +19,7 @@ from zloam_monitor import compose, discovery
 from zloam_monitor.compose import HeaderValues
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, LinkError
+from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.records import PoseRecord
 from zloam_monitor.web import robot_view
 from zloam_monitor.web.robot_view import RobotView
@@ -199,6 +200,16 @@ def test_a_query_that_fails_is_a_finding(
     until(lambda: any(words in each["what"] for each in view.state()["findings"]))
     drive(session, 1)
     until(lambda: view.state()["pose"])
+
+
+def test_a_map_that_lacks_tiles_is_told(session: Hanging, view: RobotView) -> None:
+    key = session.keys.tile("plane", (0, 0, 0))
+    head = compose.tile(HeaderValues(1, 0, 0, map_id=7), "plane", (0, 0, 0), np.zeros(0, MAP_POINT))
+    session.heads[key], session.rounds[key] = [head], [[]]
+    session.answers.set()
+    until(lambda: view.state()["judged"])
+    told = [each for each in view.state()["findings"] if "tiles of the map" in each["what"]]
+    assert [(each["what"][:7], each["fault"]) for each in told] == [("1 tiles", False)]
 
 
 @pytest.fixture

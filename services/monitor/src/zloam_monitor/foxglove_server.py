@@ -11,7 +11,7 @@ from zloam_monitor.extras import needed
 from zloam_monitor.foxglove_scene import TOPICS, Scene, expressions
 from zloam_monitor.intake import MIB, Intake
 from zloam_monitor.link import Link
-from zloam_monitor.map_copy import START_S, MapCopy, lacks
+from zloam_monitor.map_copy import show_past
 from zloam_monitor.ports import in_url, not_listening
 from zloam_monitor.terminal import ProgressLine, unreadable
 
@@ -50,12 +50,7 @@ class Server:
         self._intake = Intake(
             link.session, expressions(link.keys), MOST_WAITING_BYTES, leave_out="oldest"
         )
-        self._scene.keep_path(*link.query_path())
-        copy = MapCopy(link)
-        for tile in copy.update(START_S):
-            self._scene.keep(tile)
-        #: Tiles of the map that did not come in time.
-        self.lacking = copy.lacking
+        show_past(link, self._scene)
         self._again = 0.0
         #: Numbers of messages shown, and of those that could not be read.
         self.shown = self.garbage = 0
@@ -98,8 +93,6 @@ def serve(link: Link, address: str, port: int, seconds: float | None) -> int:
                 f"connection, Foxglove WebSocket; import the layout {LAYOUT}); Ctrl-C ends",
                 flush=True,
             )
-            if said := lacks(server.lacking):
-                print(said, flush=True)
             while goes_on():
                 server.poll()
                 line.show(server.words())

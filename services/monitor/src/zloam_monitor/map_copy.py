@@ -8,9 +8,13 @@ the way is missing until the next update.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
 
 from zloam_monitor.clouds import POINT_LAYERS, Tile
 from zloam_monitor.link import Link
@@ -28,6 +32,26 @@ def lacks(tiles: int) -> str:
     return f"{tiles} tiles of the map did not come in time; each is shown when it changes"
 
 
+class Scene(Protocol):
+    """What a view draws the past into."""
+
+    def keep_path(self, run: int, poses: NDArray[Any]) -> None:
+        """Draws the path of the run so far."""
+
+    def keep(self, tile: Tile) -> None:
+        """Draws a tile of the map."""
+
+
+def show_past(link: Link, scene: Scene) -> None:
+    """Shows path and map from before a view's start, and prints what it lacks of the map."""
+    scene.keep_path(*link.query_path())
+    copy = MapCopy(link)
+    for tile in copy.gather(START_S):
+        scene.keep(tile)
+    if said := lacks(copy.lacking):
+        print(said, flush=True)
+
+
 class MapCopy:
     """The tiles of the newest map, as far as they came."""
 
@@ -38,19 +62,31 @@ class MapCopy:
         #: Tiles that are missing, or not the newest version, after the last update.
         self.lacking = 0
 
+    def gather(self, seconds: float) -> list[Tile]:
+        """For a view that looks once: as update(), and again while that brings what was dropped."""
+        ends_s, before = time.monotonic() + seconds, math.inf
+        tiles = self.update(seconds)
+        while 0 < self.lacking < before and time.monotonic() < ends_s:
+            before = self.lacking
+            tiles = self.update(ends_s - time.monotonic())
+        return tiles
+
     def update(self, seconds: float) -> list[Tile]:
         """Gets the tiles that have changed, for at most about `seconds`; returns all."""
         ends_s = time.monotonic() + seconds
+        told = self._told()
         heads = [head for layer in self._layers for head in self._heads(layer)]
-        self.lacking = 0
         if not heads:
-            self._keep(self._whole())
+            tiles = self._whole()
+            self.lacking = max(0, told - len(tiles))
+            self._keep(tiles)
             return list(self._tiles.values())
         self._begin_again(heads)
         # Of an old robot, which has no heads, these are the tiles.
         self._keep([head for head in heads if len(head.points)])
         wanted = [head for head in heads if not len(head.points) and self._is_newer(head)]
-        self.lacking = len(wanted)
+        # Heads may be dropped on the way, too.
+        self.lacking = len(wanted) + max(0, told - len({(h.layer, h.index) for h in heads}))
         for head in wanted:
             if time.monotonic() > ends_s:
                 break
@@ -59,6 +95,15 @@ class MapCopy:
             self._keep(found)
             self.lacking -= not self._is_newer(head)
         return list(self._tiles.values())
+
+    def _told(self) -> int:
+        """The number of tiles that the map has at least, by mapping's status; 0: it does not say,
+        or does not live."""
+        if "mapping" not in self._link.living():
+            return 0
+        self._link.query_statuses()
+        status = self._link.stage("mapping")
+        return 0 if status is None else int(status.figures.get("map_tiles", 0.0))
 
     def _whole(self) -> list[Tile]:
         """All tiles at once. A store without a mapping may be asked for them, as its robot does not

@@ -20,7 +20,7 @@ from zloam_monitor import ending, se3, thin
 from zloam_monitor.extras import ViewerError, needed
 from zloam_monitor.intake import MIB, Intake
 from zloam_monitor.link import Link
-from zloam_monitor.map_copy import START_S, MapCopy, lacks
+from zloam_monitor.map_copy import show_past
 from zloam_monitor.mcap_file import RecordingError
 from zloam_monitor.ports import PortTaken, in_url
 from zloam_monitor.processes import is_free
@@ -221,12 +221,7 @@ def view(link: Link, options: Options, seconds: float | None) -> int:
             leave_out="oldest",
         )
         if not link.thin:
-            scene.keep_path(*link.query_path())
-            copy = MapCopy(link)
-            for tile in copy.update(START_S):
-                scene.keep(tile)
-            if said := lacks(copy.lacking):
-                print(said, flush=True)
+            show_past(link, scene)
         drawn = _draw(link, intake, scene, seconds, sink)
         sink.flush()
     dropped = sum(intake.dropped.values())

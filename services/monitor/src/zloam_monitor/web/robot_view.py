@@ -9,6 +9,7 @@ import threading
 import time
 import traceback
 from collections import deque
+from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, replace
 from typing import Any
@@ -174,7 +175,15 @@ class RobotView:
                 Finding(f"its answers can't be judged: {error!r}", "see what zloam web printed")
             ]
         heard = replace(heard, garbage=heard.garbage + self._asking.garbage)
-        return doctor.findings(said.added_to(heard, self._link.late))
+        return [*doctor.findings(said.added_to(heard, self._link.late)), *self._lacking()]
+
+    def _lacking(self) -> Iterator[Finding]:
+        if self._copy.lacking:
+            yield Finding(
+                f"{self._copy.lacking} tiles of the map have not come yet, or are not the newest",
+                "the page asks for them again; over a thin link zloam web --thin shows all of it",
+                is_fault=False,
+            )
 
     def _follow_thin(self) -> None:
         link, drawn = self._link, -1
