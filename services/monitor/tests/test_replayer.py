@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import zenoh
 
-from fake_session import needs_schemas
-from zloam_monitor import compose, messages, replayer
+from fake_session import needs_schemas, revision
+from zloam_monitor import compose, messages, records, replayer
 from zloam_monitor.failures import Misuse
 from zloam_monitor.mcap_file import CHUNK_BYTES, McapFile
 from zloam_monitor.recorder import schema_of
@@ -227,27 +227,93 @@ def test_what_is_no_tile_is_left_out_and_told(
     assert "2 tiles could not be read: they are left out" in capsys.readouterr().out
 
 
-def test_queries_for_the_map_are_answered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`zloam web` and `map save` only query it, and other views ask for what came before them."""
-    needs_schemas()
-    McapFile(tmp_path / "run.mcap", {**ABOUT, "part": "1"}).close()
-    answer: list[Any] = []
-    session = SimpleNamespace(
-        put=lambda *_, **__: None, declare_queryable=lambda key, each: answer.append((key, each))
-    )
-    monkeypatch.setattr(replayer, "open_session", lambda *_: session)
-    monkeypatch.setattr(replayer.Stand, "_alone", lambda _: None)
-    stand = replayer.Stand(RobotLog(tmp_path / "run.mcap"), Options(Path(), robot="ghost"))
+class Ghost:
+    """A replay under another name, of messages that a test gives it."""
 
-    def asked(selector: str) -> list[tuple[str, bytes]]:
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        needs_schemas()
+        McapFile(folder / "run.mcap", {**ABOUT, "part": "1"}).close()
+        self.answer: list[Any] = []
+        #: Keys of what was published.
+        self.published: list[str] = []
+        session = SimpleNamespace(
+            put=lambda key, *_, **__: self.published.append(key),
+            declare_queryable=lambda key, each: self.answer.append((key, each)),
+        )
+        monkeypatch.setattr(replayer, "open_session", lambda *_: session)
+        monkeypatch.setattr(replayer.Stand, "_alone", lambda _: None)
+        self.stand = replayer.Stand(RobotLog(folder / "run.mcap"), Options(Path(), robot="ghost"))
+
+    def asked(self, selector: str) -> list[tuple[str, bytes]]:
         found: list[tuple[str, bytes]] = []
         wanted = zenoh.KeyExpr(selector)
         query = SimpleNamespace(key_expr=wanted, reply=lambda *said: found.append(said))
-        for key, each in answer:
+        for key, each in self.answer:
             if wanted.intersects(zenoh.KeyExpr(key)):
                 each(query)
         return found
 
+
+def test_all_changes_are_answered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They have one key, and a stage answers with each of them; parts repeat them."""
+    ghost = Ghost(tmp_path, monkeypatch)
+    made = [revision("mapping", number, {"mapping.a": number}) for number in (1, 2)]
+    for payload in (*made, made[0]):
+        topic = "loam/r/config/mapping"
+        ghost.stand.put(Logged(topic, "zloam.msg.ConfigRevision", 0, payload))
+    assert [said for _, said in ghost.asked(ghost.stand.keys.every_revision)] == made
+
+
+def mapped(run: int, sweep: int, map_id: int) -> bytes:
+    head = compose.HeaderValues(run, sweep, sweep, map_id=map_id)
+    return compose.pose("MapPose", head, sweep * 100, (float(sweep), 2.0, 3.0), (0, 0, 0, 1))
+
+
+def test_the_path_is_answered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As mapping answers with it: of the newest run in the newest map. What was mapped before the
+    part that is replayed belongs to it, and is not published."""
+    ghost = Ghost(tmp_path, monkeypatch)
+    keys, ghost.stand.begin_ns = ghost.stand.keys, 30
+    for at_ns, payload in (
+        (10, mapped(1, 4, 7)),
+        (20, mapped(1, 5, 7)),
+        (25, b"no pose at all"),
+        (30, mapped(1, 6, 7)),
+    ):
+        ghost.stand.put(Logged("loam/r/map/odometry", "zloam.msg.MapPose", at_ns, payload))
+    assert ghost.published == [keys.map_odometry]
+    ((key, said),) = ghost.asked(keys.path_map)
+    run, poses = records.path(said)
+    assert (key, run, poses["sweep"].tolist()) == (keys.path_map, 1, [4, 5, 6])
+    assert poses["instant_ns"].tolist() == [400, 500, 600]
+    assert poses["pose"][1].tolist() == ((5.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+    for run, map_id in ((1, 8), (2, 8)):
+        payload = mapped(run, 9, map_id)
+        ghost.stand.put(Logged("loam/r/map/odometry", "zloam.msg.MapPose", 40, payload))
+        said_run, poses = records.path(ghost.asked(keys.path_map)[0][1])
+        assert (said_run, poses["sweep"].tolist()) == (run, [9])
+
+
+def test_a_part_begins_with_all_changes_and_the_path_before_it(tmp_path: Path) -> None:
+    needs_schemas()
+    file = McapFile(tmp_path / "run.mcap", {**ABOUT, "part": "1"})
+    made = [revision("mapping", number, {"mapping.a": number}) for number in (1, 2)]
+    for number, payload in enumerate(made):
+        put(file, "loam/r/config/mapping", float(number), payload)
+    for at_s, topic in ((2.0, "map/odometry"), (2.1, "pose"), (4.0, "pose")):
+        put(file, f"loam/r/{topic}", at_s, mapped(1, 1, 7))
+    file.close()
+    log = RobotLog(file.path)
+    found = list(replayer._from(log, 3 * SECOND_NS, 5 * SECOND_NS, lambda: True))
+    assert [each.payload for each in found if each.topic.endswith("config/mapping")] == made
+    others = [each.topic for each in found if not each.topic.endswith("config/mapping")]
+    assert others == ["loam/r/map/odometry", "loam/r/pose"]
+
+
+def test_queries_for_the_map_are_answered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`zloam web` and `map save` only query it, and other views ask for what came before them."""
+    ghost = Ghost(tmp_path, monkeypatch)
+    stand, asked = ghost.stand, ghost.asked
     for points, index, map_id in ((1, 0, 7), (2, 1, 7), (3, 0, 7)):
         stand.put(Logged(TILE, "zloam.msg.MapTile", 0, tile(points, index, map_id)))
     keys = [f"loam/ghost/map/tile/plane/{index}/0/0" for index in (0, 1)]

@@ -5,6 +5,7 @@ It replaces the robot: it has its stages' liveliness tokens, and answers queries
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -12,18 +13,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import ending, messages, records, terminal
+import numpy as np
+
+from zloam_monitor import compose, ending, messages, records, terminal
 from zloam_monitor.failures import Misuse
 from zloam_monitor.keys import TILES, Keys
 from zloam_monitor.link import open_session
 from zloam_monitor.recordings import Refused
 from zloam_monitor.recordings.robot_log import Extent, Logged, RobotLog
+from zloam_monitor.records import PoseRecord
 from zloam_monitor.terminal import ProgressLine
 from zloam_monitor.watch import STALE_SECONDS
 
-#: When the replay begins later, the newest of these messages before its begin come first.
-STANDING = ("zloam.msg.ConfigRevision", "zloam.msg.EffectiveConfig", "zloam.msg.MapTile")
-STATUS = "zloam.msg.Status"
+STATUS, CONFIG = "zloam.msg.Status", "zloam.msg.EffectiveConfig"
+REVISION, TILE, POSE = "zloam.msg.ConfigRevision", "zloam.msg.MapTile", "zloam.msg.MapPose"
+#: When the replay begins later, of these messages before its begin all changes, the newest
+#: configurations and tiles, and the path come first.
+STANDING = (REVISION, CONFIG, TILE, POSE)
 #: Time in which links come up, to the robot if it is present and to programs that wait.
 LINK_SECONDS = 1.0
 LOOK_SECONDS = 0.2
@@ -45,6 +51,27 @@ class Options:
     listen: str = ""
 
 
+class _Path:
+    """The mapped poses of a run in one map, as mapping answers with them."""
+
+    def __init__(self) -> None:
+        #: Run and map.
+        self._of = (0, 0)
+        self._rows = bytearray()
+
+    def extend(self, pose: PoseRecord) -> None:
+        if (pose.run, pose.map_id) != self._of:
+            self._of, self._rows = (pose.run, pose.map_id), bytearray()
+        at = (tuple(pose.translation), tuple(pose.quaternion))
+        row = np.array([(pose.instant_ns, pose.sweep, at)], messages.STAMPED_POSE)
+        self._rows += row.tobytes()
+
+    def message(self) -> bytes:
+        run, map_id = self._of
+        rows = np.frombuffer(bytes(self._rows), messages.STAMPED_POSE)
+        return compose.path(compose.HeaderValues(run, 0, 0, map_id=map_id), rows)
+
+
 class Stand:
     """The session that publishes and answers in place of the robot."""
 
@@ -57,6 +84,11 @@ class Stand:
         self.session = open_session(list(options.connect), options.listen)
         self._alone()
         self._newest: dict[str, bytes] = {}
+        #: Key and payload of each change.
+        self._changes: dict[tuple[str, bytes], None] = {}
+        #: Mapped poses before this time are not published, but part of the path.
+        self.begin_ns = 0
+        self._path = _Path()
         self._tokens: dict[tuple[str, str], Any] = {}
         #: (stage, instance) with a token -> time of its newest status; None: none has come yet.
         self._heard_ns: dict[tuple[str, str], int | None] = {}
@@ -67,7 +99,13 @@ class Stand:
         self._tiles: dict[str, bytes] = {}
         self._map_id: int | None = None
         keys = self.keys
-        answered = (keys.every_status, keys.every_config, keys.every_revision, keys.tiles)
+        answered = (
+            keys.every_status,
+            keys.every_config,
+            keys.every_revision,
+            keys.tiles,
+            keys.path_map,
+        )
         self._queryables = [self.session.declare_queryable(k, self._answer) for k in answered]
         self.published = 0
         #: Tiles without which no key can be made.
@@ -99,10 +137,14 @@ class Stand:
             return
         if key is None:
             return
-        if logged.schema in (STATUS, *STANDING[:2]):
+        if logged.schema == REVISION:
+            self._changes[key, logged.payload] = None
+        if logged.schema in (STATUS, CONFIG):
             self._newest[key] = logged.payload
             self._declare(key, logged.log_ns if logged.schema == STATUS else None)
-        if logged.schema != "zloam.msg.EffectiveConfig":  # Stages only answer queries with it.
+        if key == self.keys.map_odometry and logged.log_ns < self.begin_ns:
+            return
+        if logged.schema != CONFIG:  # Stages only answer queries with it.
             self.session.put(key, logged.payload, encoding=self._encodings.get(logged.schema, ""))
         self.published += 1
 
@@ -112,7 +154,13 @@ class Stand:
         if not logged.topic.startswith(begin):
             return None
         rest = logged.topic.removeprefix(begin)
-        return self._kept_tile(logged.payload) if rest == TILES else self.keys.below(rest)
+        if rest == TILES:
+            return self._kept_tile(logged.payload)
+        key = self.keys.below(rest)
+        if key == self.keys.map_odometry:
+            with contextlib.suppress(*messages.DECODE_ERRORS):  # A stranger's.
+                self._path.extend(records.map_pose(logged.payload))
+        return key
 
     def _kept_tile(self, payload: bytes) -> str:
         """Keeps a tile of the map for queries; returns its key. The first tile of another map ends
@@ -146,7 +194,9 @@ class Stand:
                 del self._heard_ns[other]
 
     def _answer(self, query: Any) -> None:
-        for key, payload in [*self._newest.items(), *self._tiles.items()]:
+        if query.key_expr.intersects(_expression(self.keys.path_map)):
+            query.reply(self.keys.path_map, self._path.message())
+        for key, payload in [*self._newest.items(), *self._changes, *self._tiles.items()]:
             ended = (who := _instance(key)) is not None and who not in self._tokens
             if not ended and query.key_expr.intersects(_expression(key)):
                 query.reply(key, payload)
@@ -167,15 +217,20 @@ def _expression(key: str) -> Any:
 def _from(
     log: RobotLog, begin_ns: int, end_ns: int, goes_on: Callable[[], bool]
 ) -> Iterator[Logged]:
-    """The newest standing messages before begin_ns, then all messages until end_ns."""
-    standing: dict[str, Logged] = {}
+    """The standing messages before begin_ns, then all messages until end_ns."""
+    standing: dict[tuple[str, bytes], Logged] = {}
     tiles: dict[tuple[str, tuple[int, int, int]], Logged] = {}
     map_id: int | None = None
     for logged in log.found(STANDING, end_ns=begin_ns):
         if not goes_on():
             return
-        if logged.schema != STANDING[2]:
-            standing[logged.topic] = logged
+        if logged.schema == POSE:
+            # At once, as there may be many.
+            if logged.topic.endswith("/map/odometry"):
+                yield logged
+            continue
+        if logged.schema != TILE:
+            standing[logged.topic, logged.payload if logged.schema == REVISION else b""] = logged
             continue
         try:
             tile = records.tile(logged.payload)
@@ -214,6 +269,7 @@ def replay(options: Options) -> int:
     extent = log.extent()
     begin_ns, end_ns = _span(extent, options)
     stand = Stand(log, options)
+    stand.begin_ns = begin_ns
     try:
         with ending.until_told() as goes_on:
             print(f"robot {stand.keys.robot} at {options.listen}; Ctrl-C ends", flush=True)
