@@ -14,7 +14,7 @@ import zenoh
 from mcap.reader import make_reader
 
 from fake_session import FakeSession, linked, needs_schemas, one_misses_a_query, revision
-from zloam_monitor import compose, doctor_files, intake, link, messages, recorder
+from zloam_monitor import compose, doctor_files, intake, link, messages, recorder, records
 from zloam_monitor.mcap_file import McapFile, RecordingError
 from zloam_monitor.recorder import Options, Recorder
 from zloam_monitor.recordings.robot_log import RobotLog
@@ -257,6 +257,85 @@ def test_an_answer_at_the_last_moment_is_recorded(session: FakeSession, tmp_path
     made.close()
     assert stages(made.parts[0]) == ["integration", "mapping", "odometry"]
     assert made.lacks() == []
+
+
+def a_tile(i: int, version: int, points: int, map_id: int = 7, seq: int = 0) -> bytes:
+    head = compose.HeaderValues(1, 0, seq, map_id=map_id)
+    return compose.tile(head, "plane", (i, 0, 0), np.zeros(points, messages.MAP_POINT), version)
+
+
+def hold(session: FakeSession, i: int, answers: list[list[bytes]]) -> str:
+    """A tile that mapping has, and its answers to queries for it; returns its key."""
+    key = session.keys.tile("plane", (i, 0, 0))
+    session.heads[key] = [a_tile(i, 2, 0)]
+    session.rounds[key] = answers
+    return key
+
+
+def tiles_in(path: Path) -> list[tuple[int, int, int]]:
+    """Index, version and map of each tile in the file."""
+    found = [records.tile(data) for topic, data in contents(path) if topic.endswith("/map/tile")]
+    return [(tile.index[0], tile.version, tile.map_id) for tile in found]
+
+
+def until_asked(made: Recorder) -> None:
+    made._map._thread.join(20.0)
+    assert not made._map._thread.is_alive()
+
+
+def test_the_map_from_before_it_is_recorded(session: FakeSession, tmp_path: Path) -> None:
+    """Mapping publishes a tile only when it changes. What was dropped is asked for again, and
+    numbers of messages from before are no gaps."""
+    made = recording(session, tmp_path / "run.mcap")
+    for i in range(2):
+        dropped: list[list[bytes]] = [[]] * i
+        hold(session, i, [*dropped, [a_tile(i, 1, 4), a_tile(i, 2, 5, seq=i), a_tile(i, 9, 6, 3)]])
+    made.settle()
+    until_asked(made)
+    for seq in (5000, 5001):
+        session.publish(session.keys.tile("plane", (7, 0, 0)), a_tile(7, seq, 5, seq=seq))
+    made.close()
+    path = made.parts[0]
+    assert tiles_in(path) == [(0, 2, 7), (1, 2, 7), (7, 5000, 7), (7, 5001, 7)]
+    assert made.lacks() == []
+
+
+def test_a_tile_from_before_is_not_written_after_a_newer_one(
+    session: FakeSession, tmp_path: Path
+) -> None:
+    """An answer may be overtaken by what is published. A tile of another map ends the one before
+    in every view."""
+    made = recording(session, tmp_path / "run.mcap")
+    keys = [hold(session, i, [[a_tile(i, 2, 5)]]) for i in range(2)]
+    session.publish(keys[0], a_tile(0, 3, 6))
+    made.settle()
+    until_asked(made)
+    made.poll()
+    assert tiles_in_order(made) == [(0, 3, 7), (1, 2, 7)]
+    made = recording(session, tmp_path / "reset.mcap")
+    session.publish(keys[0], a_tile(0, 1, 6, map_id=8))
+    made.settle()
+    until_asked(made)
+    assert tiles_in_order(made) == [(0, 1, 8)]
+
+
+def tiles_in_order(made: Recorder) -> list[tuple[int, int, int]]:
+    made.close()
+    return tiles_in(made.parts[0])
+
+
+def test_a_map_from_before_that_did_not_come_is_told(
+    session: FakeSession, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hold(session, 0, [[]])
+    status = compose.status("mapping", 1, 1, 1, [], {}, figures={"map_tiles": 3.0})
+    session.rounds[session.keys.below("service/mapping/mapping-1/status")] = [[status]]
+    options = Options(tmp_path / "run.mcap", scene=False)
+    assert recorder.record(linked(session), options, 0.0) == 1
+    assert "3 tiles that the map had before are missing in" in capsys.readouterr().out
+    with options.path.open("rb") as file:
+        noted = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
+    assert noted["zloam.dropped"] == {"loam/robot/map/tile": "3"}
 
 
 @pytest.mark.parametrize("step_s", [-60, 365 * 86400])

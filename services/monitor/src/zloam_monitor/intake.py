@@ -42,6 +42,8 @@ class Sample:
     payload: bytes
     #: By the intake's clock, ns since the Unix epoch.
     received_ns: int
+    #: It came as an answer to a query, not over a subscription.
+    answered: bool = False
 
 
 class Intake:
@@ -101,9 +103,22 @@ class Intake:
                 return
             if replay:
                 self._replayed_s = time.monotonic()
-            self._waiting.append(sample)
-            self._bytes += len(sample.payload)
-            self._changed.notify_all()
+            self._append(sample)
+
+    def add_answer(self, key: str, payload: bytes) -> None:
+        """Adds an answer that was not published, for a thread that may wait for room. Its number
+        is none of those that come here, so that it shows no gap between them."""
+        sample = Sample(key, payload, self.clock.now_ns(), answered=True)
+        with self._changed:
+            if self._waited_for_room(sample, waits=True):
+                self._append(sample)
+            else:
+                self._drop(sample)
+
+    def _append(self, sample: Sample) -> None:
+        self._waiting.append(sample)
+        self._bytes += len(sample.payload)
+        self._changed.notify_all()
 
     def _make_room(self, sample: Sample) -> None:
         while self._waiting and self._is_full(sample):
@@ -111,9 +126,9 @@ class Intake:
             self._bytes -= len(oldest.payload)
             self._drop(oldest)
 
-    def _waited_for_room(self, sample: Sample, replay: bool) -> bool:
-        """False: there is none, and this is no replay or has waited long enough."""
-        seconds = MOST_WAIT_S if replay else 0.0
+    def _waited_for_room(self, sample: Sample, waits: bool) -> bool:
+        """False: there is none, and this may not wait or has waited long enough."""
+        seconds = MOST_WAIT_S if waits else 0.0
         self._outside += 1
         try:
             return self._changed.wait_for(lambda: self._has_room(sample), seconds)

@@ -32,6 +32,16 @@ def lacks(tiles: int) -> str:
     return f"{tiles} tiles of the map did not come in time; each is shown when it changes"
 
 
+def tiles_told(link: Link) -> int:
+    """The number of tiles that the map has at least, by mapping's status; 0: it does not say, or
+    does not live."""
+    if "mapping" not in link.living():
+        return 0
+    link.query_statuses()
+    status = link.stage("mapping")
+    return 0 if status is None else int(status.figures.get("map_tiles", 0.0))
+
+
 class Scene(Protocol):
     """What a view draws the past into."""
 
@@ -74,7 +84,7 @@ class MapCopy:
     def update(self, seconds: float) -> list[Tile]:
         """Gets the tiles that have changed, for at most about `seconds`; returns all."""
         ends_s = time.monotonic() + seconds
-        told = self._told()
+        told = tiles_told(self._link)
         heads = [head for layer in self._layers for head in self._heads(layer)]
         if not heads:
             tiles = self._whole()
@@ -95,15 +105,6 @@ class MapCopy:
             self._keep(found)
             self.lacking -= not self._is_newer(head)
         return list(self._tiles.values())
-
-    def _told(self) -> int:
-        """The number of tiles that the map has at least, by mapping's status; 0: it does not say,
-        or does not live."""
-        if "mapping" not in self._link.living():
-            return 0
-        self._link.query_statuses()
-        status = self._link.stage("mapping")
-        return 0 if status is None else int(status.figures.get("map_tiles", 0.0))
 
     def _whole(self) -> list[Tile]:
         """All tiles at once. A store without a mapping may be asked for them, as its robot does not

@@ -22,8 +22,9 @@ import zenoh
 from zloam_monitor import ending, messages, records, se3, terminal
 from zloam_monitor.foxglove_scene import Scene
 from zloam_monitor.intake import MIB, Intake, Sample
-from zloam_monitor.keys import Keys, topic_of
+from zloam_monitor.keys import TILES, Keys, topic_of
 from zloam_monitor.link import Link
+from zloam_monitor.map_before import MapBefore
 from zloam_monitor.mcap_file import (
     McapFile,
     RecordingError,
@@ -141,6 +142,7 @@ class Recorder:
             wanted = list(dict.fromkeys([*wanted, *map(keys.below, DERIVED)]))
         self._raw_clouds = options.everything
         self._intake = Intake(self.link.session, wanted, MOST_WAITING_BYTES, leave_out="newest")
+        self._map = MapBefore(self.link, self._intake.add_answer)
         self._scene: Scene | None = None
         #: Messages that are repeated in each file, so that it can be understood without the others.
         self._standing: dict[tuple[str, bytes], Sample] = {}
@@ -152,7 +154,8 @@ class Recorder:
         self._last_words: dict[str, tuple[int, str]] = {}
 
     def settle(self) -> None:
-        """Queries what was published before: the configuration and its changes."""
+        """Queries what was published before: the configuration and its changes, and the map, which
+        comes while the recording goes on."""
         keys = self.link.keys
         configs: dict[str, dict[str, Any]] = {}
 
@@ -169,6 +172,7 @@ class Recorder:
         self._stood(keys.every_revision)
         if self.options.scene:
             self._scene = Scene(keys, SCENE_SECONDS, se3.mounting_shown(configs))
+        self._map.begin()
 
     def _stood(self, selector: str) -> list[bytes]:
         """Asks, writes each answer that is not in the file yet, and returns all answers."""
@@ -257,13 +261,19 @@ class Recorder:
             self._intake.add(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
 
     def _take(self, sample: Sample) -> None:
-        self._came_ns = sample.received_ns
+        if sample.answered:
+            if not self._map.takes(sample):
+                return
+        else:
+            self._came_ns = sample.received_ns
         identifier = sample.payload[4:8]
         if identifier in (CONFIG, REVISION):
             self._stand(sample)
             return
         if identifier == messages.KINDS["Status"].identifier:
             self._met(sample)
+        if identifier == messages.KINDS["MapTile"].identifier and not sample.answered:
+            self._map.published(sample)
         if self._raw_clouds or sample.key != self.link.keys.odometry_sweep:
             self._put(sample)
         if self._scene is not None:
@@ -314,6 +324,7 @@ class Recorder:
         self._closed = True
         self._ended_ns = self._intake.clock.now_ns()
         self._intake.close()
+        self._map.close()
         try:
             self.poll()
             for config in self._lacking():
@@ -323,7 +334,8 @@ class Recorder:
                 now = self._intake.clock.now_ns()
                 for shown in self._scene.last(now):
                     self._write(shown.topic, shown.schema, now, shown.stamp_ns, shown.data)
-            if missing := self.dropped + self._intake.lost():
+            before = Counter({self.link.keys.below(TILES): self._map.lacking()})
+            if missing := self.dropped + self._intake.lost() + before:
                 self._file.note("zloam.dropped", {k: str(n) for k, n in missing.items()})
         finally:
             with _told(self._file):
@@ -338,6 +350,11 @@ class Recorder:
                 found.append(
                     f"{missing.total()} messages of {self.parts[0]} are missing ({keys}): {why}"
                 )
+        if tiles := self._map.lacking():
+            found.append(
+                f"{tiles} tiles that the map had before are missing in {self.parts[0]}: they did "
+                "not come before its end"
+            )
         if lacking := self._lacking():
             of = ", ".join("/".join(key.split("/")[-3:-1]) for key in lacking)
             found.append(f"the configuration of {of} is missing in {self.parts[0]}: no answer came")

@@ -1,0 +1,110 @@
+"""The map that a robot had when its recording began, as far as it comes.
+
+Mapping publishes a tile when it changes. What lies behind the robot does not change any more, so a
+recording asks for it: for one tile after the other, as a view does (map_copy.py), in a thread, so
+that it goes on with what is published meanwhile.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterable
+
+import zenoh
+
+from zloam_monitor import messages, records
+from zloam_monitor.clouds import POINT_LAYERS, Tile
+from zloam_monitor.intake import Sample
+from zloam_monitor.link import TILES_SECONDS, Link
+from zloam_monitor.map_copy import HEADS, tiles_told
+
+#: close() waits at most this long for the thread, which may wait for an answer.
+CLOSE_SECONDS = 5.0
+
+
+class MapBefore:
+    """Hands the tiles over as answers; all methods but the thread's are of the recorder."""
+
+    def __init__(self, link: Link, hand_over: Callable[[str, bytes], None]) -> None:
+        #: For queries: a link may be used by one thread only.
+        self._link = Link(link.session, link.keys, newest=0)
+        self._hand_over = hand_over
+        #: Key -> map of each tile that the map had.
+        self._had: dict[str, int] = {}
+        #: Number of tiles of which not even that is known.
+        self._unknown = 0
+        #: Keys of the tiles that were handed over.
+        self._come: set[str] = set()
+        #: Keys of the tiles that are in the recording, and the map of the newest published one.
+        self._there: set[str] = set()
+        self._map_id: int | None = None
+        self._ends = threading.Event()
+        self._thread = threading.Thread(target=self._ask, daemon=True)
+
+    def begin(self) -> None:
+        """Asks which tiles there are, and begins to get them."""
+        told = tiles_told(self._link)
+        for layer in POINT_LAYERS:
+            selector = f"{self._link.keys.tiles_of(layer)}?{HEADS}"
+            for payload, tile in self._answers(selector):
+                key = self._link.keys.tile(tile.layer, tile.index)
+                self._had[key] = tile.map_id
+                if len(tile.points):  # Of a mapping without heads, as A-LOAM's.
+                    self._come.add(key)
+                    self._hand_over(key, payload)
+        self._unknown = max(0, told - len(self._had))
+        self._thread.start()
+
+    def close(self) -> None:
+        self._ends.set()
+        if self._thread.is_alive():
+            self._thread.join(CLOSE_SECONDS)
+
+    def lacking(self) -> int:
+        """Number of tiles that have not come."""
+        return self._unknown + len(self._had.keys() - self._there)
+
+    def published(self, sample: Sample) -> None:
+        """A tile was published: it is at least as new as an answer that comes later."""
+        if len(self._there) == len(self._had):
+            return  # No answer comes any more.
+        with contextlib.suppress(*messages.DECODE_ERRORS):
+            self._map_id = records.tile(sample.payload).map_id
+            if sample.key in self._had:
+                self._there.add(sample.key)
+
+    def takes(self, sample: Sample) -> bool:
+        """Whether an answer belongs into the recording: not after a newer version of the tile, nor
+        after a tile of another map, which a view would end by it."""
+        if sample.key in self._there or self._map_id not in (None, self._had[sample.key]):
+            return False
+        self._there.add(sample.key)
+        return True
+
+    def _answers(self, selector: str) -> Iterable[tuple[bytes, Tile]]:
+        for payload in self._link.get(selector, TILES_SECONDS, gently=True):
+            with contextlib.suppress(*messages.DECODE_ERRORS):
+                yield payload, records.tile(payload)
+
+    def _ask(self) -> None:
+        """Asks again for what was dropped, as long as that brings something."""
+        with contextlib.suppress(zenoh.ZError):  # The session may be closed already.
+            missing, before = self._missing(), len(self._had) + 1
+            while 0 < len(missing) < before and not self._ends.is_set():
+                before = len(missing)
+                for key in missing:
+                    if not self._ends.is_set():
+                        self._get(key)
+                missing = self._missing()
+
+    def _missing(self) -> list[str]:
+        return [key for key in self._had if key not in self._come and key not in self._there]
+
+    def _get(self, key: str) -> None:
+        # A store may still have an older version, or one of another map.
+        found = [each for each in self._answers(key) if each[1].map_id == self._had[key]]
+        if found:
+            payload, _ = max(found, key=lambda each: each[1].version)
+            self._come.add(key)
+            self._hand_over(key, payload)
