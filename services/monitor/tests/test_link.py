@@ -6,6 +6,7 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -185,6 +186,52 @@ def test_instances_that_ended_long_ago_are_forgotten(session: FakeSession) -> No
     assert len(hearing.statuses) == 29
     assert hearing.newest_statuses()["mapping"].instance == "mapping-49"
     assert hearing.late.seconds(set(hearing.statuses)) >= 0.0
+
+
+def test_a_strangers_instances_are_bounded(session: FakeSession) -> None:
+    """Of any stage. Those of the robot stay, as they are heard each second."""
+    hearing = Link(session, session.keys)
+    for number in range(1000):
+        if number % 100 == 0:
+            session.publish(session.keys.below("service/driver/mine/status"), a_status(1, "mine"))
+        status = compose.status(f"odd-{number}", number, 1, 1, [], {})
+        session.publish(session.keys.below(f"service/odd-{number}/a/status"), status)
+        hearing.poll()
+    kept = (hearing.statuses, hearing.heard, hearing._published, hearing._greatest_ns)
+    assert {len(each) for each in kept} == {link.MOST_INSTANCES}
+    assert {len(each) for each in vars(hearing.late).values()} == {link.MOST_INSTANCES}
+    assert hearing.stage("mapping") is not None
+    assert ("odd-999", "odd-999-1") in hearing.statuses
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"figures": {f"f{n}": 1.0 for n in range(257)}},
+        {"published": {f"k{n}": 1 for n in range(257)}},
+        {"figures": {"f" * 513: 1.0}},
+        {"stage": "s" * 513},
+    ],
+    ids=["figures", "keys", "a long figure", "a long stage"],
+)
+def test_a_strangers_names_are_refused(session: FakeSession, more: dict[str, Any]) -> None:
+    """Each would be a time series of its own in Prometheus."""
+    given = {"stage": "mapping", "published": {}, **more}
+    status = compose.status(stamp_ns=1, run=1, last_sweep=1, inputs=[], **given)
+    hearing = Link(session, session.keys)
+    session.publish(session.keys.below("service/mapping/mapping-1/status"), status)
+    hearing.poll()
+    assert (hearing.statuses, hearing.garbage) == ({}, 1)
+
+
+def test_a_strangers_trace_is_refused(session: FakeSession) -> None:
+    trace = tuple((f"s{n}", 1, 2, 3) for n in range(257))
+    upright = (0.0, 0.0, 0.0, 1.0)
+    pose = compose.pose("MapPose", HeaderValues(1, 1, 1, trace=trace), 1, (0, 0, 0), upright)
+    hearing = Link(session, session.keys)
+    session.publish(session.keys.pose, pose)
+    hearing.poll()
+    assert (len(hearing.poses), hearing.garbage) == (0, 1)
 
 
 def test_of_two_that_only_answer_the_stamp_decides(session: FakeSession) -> None:

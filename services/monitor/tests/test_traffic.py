@@ -6,7 +6,7 @@ import pytest
 
 from zloam_monitor import compose, messages, records
 from zloam_monitor.records import StatusRecord
-from zloam_monitor.traffic import OVER_SECONDS, Lateness, Published, Taken
+from zloam_monitor.traffic import MOST_STATUSES, OVER_SECONDS, Lateness, Published, Taken
 
 
 def a_status(stage: str, seconds: float, counts: dict[str, int]) -> StatusRecord:
@@ -112,3 +112,11 @@ def test_a_clock_that_is_set_back_is_no_delay() -> None:
         late.take(a_status("a", stamp_s, {}), round(1e9 * (second + 0.01 * second)))
     living = {("a", a_status("a", 0.0, {}).instance)}
     assert late.seconds(living) == pytest.approx(0.09)
+
+
+def test_a_stranger_s_flood_of_statuses_is_bounded() -> None:
+    """Of one instance, within the time over which rates are taken."""
+    published = Published()
+    for number in range(1000):
+        published.take(a_status("a", 100.0 + 0.001 * number, {"x": 1000 * number}))
+    assert sum(map(len, published._seen.values())) == MOST_STATUSES

@@ -45,6 +45,9 @@ BUSY_SECONDS = 15.0
 STANDING_BY = "standing by"
 #: An instance that was silent for this long is forgotten when another one of its stage comes.
 FORGOTTEN_SECONDS = 600.0
+#: Limit on instances whose statuses are kept; more are a stranger's. Those heard last stay: a stage
+#: publishes each second.
+MOST_INSTANCES = 256
 #: An answer overtakes the first status that is published if that one is older by less than this.
 #: Statuses are published once a second.
 OVERTAKEN_NS = 2 * 10**9
@@ -290,10 +293,15 @@ class Link:
         start of a stage has a name of its own."""
         for who in [each for each in self.statuses if each[0] == stage]:
             if now_s - self.heard[who] > FORGOTTEN_SECONDS:
-                for kept in (self.statuses, self.heard, self._published, self._greatest_ns):
-                    kept.pop(who, None)
-                self.late.forget(who)
-                self.published.forget(who)
+                self._forget(who)
+        if len(self.statuses) >= MOST_INSTANCES:
+            self._forget(min(self.heard, key=lambda who: self.heard[who]))
+
+    def _forget(self, who: tuple[str, str]) -> None:
+        for kept in (self.statuses, self.heard, self._published, self._greatest_ns):
+            kept.pop(who, None)
+        self.late.forget(who)
+        self.published.forget(who)
 
     def stage(self, stage: str) -> StatusRecord | None:
         """The newest status of a stage; that of a standby only if no other instance was heard. An

@@ -1,5 +1,6 @@
 """A robot's figures for Prometheus (OpenMetrics), from the statuses that any subscriber receives.
-Labels are names (stage, instance, key, reason, figure), so that their number is bounded.
+Labels are names (stage, instance, key, reason, figure), whose number is bounded in each scrape:
+of instances and stages here, of the others in each status (records.py).
 """
 
 from __future__ import annotations

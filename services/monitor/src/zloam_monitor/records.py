@@ -27,8 +27,24 @@ HEALTH = (
     "bridging",
     "lost",
 )
+#: Limits on the entries of a list of names, and on a name. A stage has far fewer and shorter ones;
+#: those of a stranger would be as many lines and time series in all that watches the robot.
+MOST_NAMES = 256
+MOST_NAME_BYTES = 512
 DROPPED = HEALTH.index("dropped")
 SERVICE_HEALTH = ("starting", "ready", "degraded", "failed", "stopping")
+
+
+def _count(entries: int) -> range:
+    if entries > MOST_NAMES:
+        raise messages.MessageError(f"{entries} entries in a list of names")
+    return range(entries)
+
+
+def _label(value: bytes | None) -> str:
+    if value is not None and len(value) > MOST_NAME_BYTES:
+        raise messages.MessageError(f"a name of {len(value)} bytes")
+    return text(value)
 
 
 def name_of(names: tuple[str, ...], number: int) -> str:
@@ -170,9 +186,9 @@ class StatusRecord:
 
 
 def _trace(header: Any) -> tuple[TraceStep, ...]:
-    points = (header.Trace(i) for i in range(header.TraceLength()))
+    points = (header.Trace(i) for i in _count(header.TraceLength()))
     return tuple(
-        TraceStep(text(p.Stage()), p.ReceivedNs(), p.StartedNs(), p.PublishedNs()) for p in points
+        TraceStep(_label(p.Stage()), p.ReceivedNs(), p.StartedNs(), p.PublishedNs()) for p in points
     )
 
 
@@ -223,15 +239,15 @@ def odometry(payload: bytes) -> PoseRecord:
 
 
 def _input(account: Any) -> Input:
-    drops = (account.Dropped(i) for i in range(account.DroppedLength()))
+    drops = (account.Dropped(i) for i in _count(account.DroppedLength()))
     return Input(
-        key=text(account.Key()),
+        key=_label(account.Key()),
         received=account.Received(),
         processed=account.Processed(),
         not_mine=account.NotMine(),
         queued=account.Queued(),
         in_work=account.InWork(),
-        dropped={text(d.Reason()): d.Count() for d in drops},
+        dropped={_label(d.Reason()): d.Count() for d in drops},
         lost=account.Lost(),
         recovered=account.Recovered(),
     )
@@ -246,25 +262,25 @@ def _measured(value: float, what: str) -> float:
 def status(payload: bytes) -> StatusRecord:
     """Decodes a message of key service/<stage>/<instance>/status."""
     s = messages.decode("Status", payload)
-    outputs = [s.Outputs(i) for i in range(s.OutputsLength())]
-    latencies = (s.Latencies(i) for i in range(s.LatenciesLength()))
-    figures = (s.Figures(i) for i in range(s.FiguresLength()))
+    outputs = [s.Outputs(i) for i in _count(s.OutputsLength())]
+    latencies = (s.Latencies(i) for i in _count(s.LatenciesLength()))
+    figures = (s.Figures(i) for i in _count(s.FiguresLength()))
     return StatusRecord(
-        stage=text(s.Stage()),
-        instance=text(s.Instance()),
+        stage=_label(s.Stage()),
+        instance=_label(s.Instance()),
         health=name_of(SERVICE_HEALTH, s.Health()),
         reason=text(s.Reason()),
         stamp_ns=s.StampNs(),
         run=s.Run(),
         last_sweep=s.LastSweep() if s.HasSweep() else None,
         end_of_run=bool(s.EndOfRun()),
-        inputs=tuple(_input(s.Inputs(i)) for i in range(s.InputsLength())),
-        published={text(o.Key()): o.Published() for o in outputs},
+        inputs=tuple(_input(s.Inputs(i)) for i in _count(s.InputsLength())),
+        published={_label(o.Key()): o.Published() for o in outputs},
         latencies={
-            text(each.Name()): {"p50": each.P50Ms(), "p95": each.P95Ms(), "p99": each.P99Ms()}
+            _label(each.Name()): {"p50": each.P50Ms(), "p95": each.P95Ms(), "p99": each.P99Ms()}
             for each in latencies
         },
-        figures={text(f.Name()): f.Value() for f in figures},
+        figures={_label(f.Name()): f.Value() for f in figures},
         cpu_ms=_measured(s.CpuMs(), "processor time"),
         rss_mib={
             name: _measured(mib, "memory")

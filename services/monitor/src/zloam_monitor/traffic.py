@@ -12,6 +12,9 @@ from zloam_monitor.records import StatusRecord
 
 #: Rates are means over this time.
 OVER_SECONDS = 5.0
+#: Limit on the statuses of an instance that are kept for its rates: they come once a second, and as
+#: answers.
+MOST_STATUSES = 64
 #: Two statuses closer together give no useful rate. They come each second, and when queried.
 LEAST_SECONDS = 0.5
 
@@ -27,7 +30,7 @@ class Published:
         if who in self._seen and status.stamp_ns < self._seen[who][-1].stamp_ns:
             # The robot's clock was set back: times from before can't be compared with those after.
             self._seen.clear()
-        seen = self._seen.setdefault(who, deque())
+        seen = self._seen.setdefault(who, deque(maxlen=MOST_STATUSES))
         seen.append(status)
         while status.stamp_ns - seen[0].stamp_ns > 1e9 * OVER_SECONDS and len(seen) > 2:
             seen.popleft()
