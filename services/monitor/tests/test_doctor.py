@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import re
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from zloam_monitor import cli, doctor
+from fake_session import needs_schemas
+from zloam_monitor import cli, compose, doctor, doctor_files
 from zloam_monitor.doctor import findings
 from zloam_monitor.doctor_files import of_counts
 from zloam_monitor.heard import Heard
+from zloam_monitor.recordings.robot_log import Logged
 from zloam_monitor.records import HEALTH, Input, PoseRecord, StatusRecord, TraceStep
 from zloam_monitor.stages import STAGES
 from zloam_monitor.tokens import Claim
@@ -277,6 +281,32 @@ def test_lost_poses_are_found_in_a_recording_that_has_the_end_of_its_run() -> No
 
 
 GOOD = {"points": 1e6, "sweeps": 50, "complete": 48, "packets_received": 3800, "packets_lost": 0}
+
+
+def test_the_poses_of_a_long_recording_take_little_memory() -> None:
+    """Whole, a pose takes 3 kB, of both kinds 5 GB for each day at 10 Hz."""
+    needs_schemas()
+    trace = tuple((stage, 1, 2, 3) for stage in STAGES)
+
+    def message(n: int) -> bytes:
+        head, upright = compose.HeaderValues(1, n, n, trace=trace), (0.0, 0.0, 0.0, 1.0)
+        cells = np.eye(6).ravel()
+        return compose.pose("MapPose", head, n, (0, 0, 0), upright, n % 2, cells)
+
+    said = [
+        Logged(f"loam/robot/{topic}", doctor_files.POSE, n, message(n))
+        for n in range(1000)
+        for topic in ("pose", "map/odometry")
+    ]
+    log: Any = SimpleNamespace(messages=lambda _: iter(said))
+    doctor_files._Said(log)  # Code that is imported at the first pose takes memory, too.
+    tracemalloc.start()
+    found = doctor_files._Said(log)
+    taken, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert (len(found.poses), len(found.mapped), found.garbage) == (1000, 1000, 0)
+    assert [pose.health for pose in found.poses] == [0, 1] * 500
+    assert taken / len(said) < 500.0
 
 
 @pytest.mark.parametrize(

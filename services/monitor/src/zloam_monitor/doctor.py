@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -292,6 +293,7 @@ def _poses(heard: Heard) -> Iterator[Finding]:
                 "what is said above comes first; else zloam status shows how far sweeps get",
             )
         return
+    states = Counter(pose_health(pose.health) for pose in heard.poses)
     for state, do in (
         ("lost", "drive back to where it was, or zloam place --x X --y Y --yaw DEG"),
         ("bridging", "it looks for its place in the map: wait, or zloam place"),
@@ -301,8 +303,7 @@ def _poses(heard: Heard) -> Iterator[Finding]:
             "see driver.min_range_m, max_range_m, masks, and what covers the sensor",
         ),
     ):
-        count = sum(pose_health(pose.health) == state for pose in heard.poses)
-        if count:
+        if count := states[state]:
             yield Finding(f"{count} of {len(heard.poses)} poses are {state}", do)
     weak = sum(pose.degenerate for pose in heard.poses)
     if weak > 0.1 * len(heard.poses):
@@ -352,7 +353,7 @@ def _overrun(heard: Heard) -> set[str]:
     }
 
 
-def _mean_without_longest(times_ms: list[float]) -> float:
+def _mean_without_longest(times_ms: Sequence[float]) -> float:
     """The mean tells whether a stage keeps up, also where only some of the sweeps take long. The
     longest is left out, because a single sweep may be delayed by anything; not of one or two
     sweeps, which are all that a slow stage finishes in this time."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,10 @@ from zloam_monitor.chain import binary
 from zloam_monitor.doctor import findings_of_poses, findings_of_statuses
 from zloam_monitor.doctor_sensor import PACKETS, of_losses
 from zloam_monitor.heard import Finding, Heard
+from zloam_monitor.kept_poses import PackedPoses
 from zloam_monitor.recordings import robot_log
 from zloam_monitor.recordings.robot_log import CONFIG, Logged, RobotLog
-from zloam_monitor.records import PoseRecord, StatusRecord
+from zloam_monitor.records import StatusRecord
 from zloam_monitor.remarks import Remarks, reasons
 from zloam_monitor.sources import SourceError
 from zloam_monitor.watch import STALE_SECONDS
@@ -42,8 +44,8 @@ class _Said:
         self.before: dict[tuple[str, str], StatusRecord] = {}
         self.after: dict[tuple[str, str], StatusRecord] = {}
         self.last_ns: dict[tuple[str, str], int] = {}
-        self.poses: list[PoseRecord] = []
-        self.mapped: list[PoseRecord] = []
+        #: Packed, as a recording may take days.
+        self.poses, self.mapped = PackedPoses(), PackedPoses()
         self.configs: dict[str, dict[str, Any]] = {}
         self.garbage = 0
         #: Troubles that stages reported.
@@ -62,7 +64,7 @@ class _Said:
             self.configs[stage] = values
         elif logged.topic.endswith(("/pose", "/map/odometry")):
             to = self.poses if logged.topic.endswith("/pose") else self.mapped
-            to.append(records.map_pose(logged.payload))
+            to.append(replace(records.map_pose(logged.payload), covariance=()))
 
     def _status(self, status: StatusRecord, log_ns: int) -> None:
         who = status.stage, status.instance

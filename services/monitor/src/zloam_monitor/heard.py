@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from zloam_monitor.records import PoseRecord, StatusRecord
@@ -36,11 +36,11 @@ class Heard:
     silent_s: dict[tuple[str, str], float]
     #: Instances with a liveliness token.
     living: set[tuple[str, str]]
-    poses: list[PoseRecord]
+    poses: Sequence[PoseRecord]
     configs: dict[str, dict[str, Any]]
     garbage: int = 0
     #: Mapped poses, as mapping publishes them.
-    mapped: list[PoseRecord] = field(default_factory=list)
+    mapped: Sequence[PoseRecord] = ()
     #: How much longer than at first a status takes to arrive here, s.
     late_s: float = 0.0
     #: Tokens that no instance declared that answers.

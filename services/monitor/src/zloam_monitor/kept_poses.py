@@ -6,7 +6,8 @@ from __future__ import annotations
 import struct
 from array import array
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import overload
 
 import numpy as np
 
@@ -22,8 +23,8 @@ _ROW = struct.Struct("<Qqq3d4d3dIBBIQIQQ")
 _STEP = struct.Struct("<Iqqq")
 
 
-class _Packed:
-    """Poses by ascending sweep; covariances are rounded to 32 bits."""
+class PackedPoses(Sequence[PoseRecord]):
+    """Poses in the order of their coming; covariances are rounded to 32 bits."""
 
     def __init__(self) -> None:
         self.sweeps = array("Q")
@@ -61,8 +62,20 @@ class _Packed:
             self._stages.append(stage)
         return self._stages.index(stage)
 
+    def __len__(self) -> int:
+        return len(self.sweeps)
+
+    @overload
+    def __getitem__(self, row: int) -> PoseRecord: ...
+    @overload
+    def __getitem__(self, row: slice) -> list[PoseRecord]: ...
+    def __getitem__(self, row: int | slice) -> PoseRecord | list[PoseRecord]:
+        """Raises IndexError."""
+        found = range(len(self))[row]
+        return self.pose(found) if isinstance(found, int) else [self.pose(n) for n in found]
+
     def row(self, sweep: int) -> int | None:
-        """Number of the sweep's row."""
+        """Number of the sweep's row, if sweeps ascend."""
         at = bisect_left(self.sweeps, sweep)
         return at if at < len(self.sweeps) and self.sweeps[at] == sweep else None
 
@@ -105,7 +118,7 @@ class KeptPoses(Mapping[int, PoseRecord]):
 
     def clear(self) -> None:
         self._whole: dict[int, PoseRecord] = {}
-        self._packed = _Packed()
+        self._packed = PackedPoses()
         #: Old ones that came after a later sweep had been packed.
         self._late: dict[int, PoseRecord] = {}
         self._last: int | None = None

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from array import array
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from zloam_monitor.records import PoseRecord
+from zloam_monitor.records import PoseRecord, TraceStep
 from zloam_monitor.stages import STAGES
 
 Percentiles = dict[str, float] | None
@@ -35,21 +35,25 @@ def by_stage(
 
 def samples(
     poses: Iterable[PoseRecord], mapped: Iterable[PoseRecord]
-) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
+) -> tuple[dict[str, array[float]], dict[str, array[float]]]:
     """(received to published, started to published) of each stage and sweep, in ms. The times of
     mapping are taken from mapped poses, those of the other stages from fused poses."""
-    whole: dict[str, list[float]] = defaultdict(list)
-    work: dict[str, list[float]] = defaultdict(list)
-    steps = [(step, False) for pose in poses for step in pose.trace]
-    steps += [(step, True) for pose in mapped for step in pose.trace]
-    for step, of_mapping in steps:
-        if (step.stage == "mapping") != of_mapping or step.published_ns == 0:
+    whole: dict[str, array[float]] = defaultdict(lambda: array("d"))
+    work: dict[str, array[float]] = defaultdict(lambda: array("d"))
+    for step in _steps(poses, mapped):
+        if step.published_ns == 0:
             continue
         if step.received_ns:
             whole[step.stage].append((step.published_ns - step.received_ns) * 1e-6)
         if step.started_ns:
             work[step.stage].append((step.published_ns - step.started_ns) * 1e-6)
     return whole, work
+
+
+def _steps(poses: Iterable[PoseRecord], mapped: Iterable[PoseRecord]) -> Iterator[TraceStep]:
+    for of_mapping, found in ((False, poses), (True, mapped)):
+        for pose in found:
+            yield from (step for step in pose.trace if (step.stage == "mapping") == of_mapping)
 
 
 def from_last_packet(poses: Iterable[PoseRecord], stage: str) -> Percentiles:
