@@ -103,6 +103,17 @@ def test_all_heads_that_were_dropped_are_no_empty_map(session: FakeSession) -> N
     assert copy.lacking == 4
 
 
+def test_the_map_before_is_not_taken_for_that_of_a_living_mapping(session: FakeSession) -> None:
+    """A store answers with it, too, and sooner than mapping, all of whose heads were dropped."""
+    for i, (map_id, points) in enumerate(((6, 4), (6, 4), (7, 5))):
+        key = session.keys.tile("plane", (i, 0, 0))
+        session.rounds[key] = [[a_tile(i, 9, points, map_id)]]
+    tell_tiles(session, 2)
+    copy = copy_of(session)
+    assert sizes(copy) == {2: 5}
+    assert copy.lacking == 1
+
+
 class Drawn:
     """What a view shows of the past."""
 

@@ -88,8 +88,8 @@ class MapCopy:
         heads = [head for layer in self._layers for head in self._heads(layer)]
         if not heads:
             tiles = self._whole()
-            self.lacking = max(0, told - len(tiles))
             self._keep(tiles)
+            self.lacking = max(0, told - sum(tile.map_id == self._map_id for tile in tiles))
             return list(self._tiles.values())
         self._begin_again(heads)
         # Of an old robot, which has no heads, these are the tiles.
@@ -107,12 +107,15 @@ class MapCopy:
         return list(self._tiles.values())
 
     def _whole(self) -> list[Tile]:
-        """All tiles at once. A store without a mapping may be asked for them, as its robot does not
-        run; where mapping lives, its heads were dropped, or it has none."""
+        """All tiles at once, those of the newest map first: a store may have that before, too. A
+        store without a mapping may be asked for them, as its robot does not run; where mapping
+        lives, its heads were dropped, or it has none."""
+        keys = self._link.keys
         if "mapping" not in self._link.living():
-            return self._link.query_tiles(self._layers)[::-1]  # The newest map is last.
-        found = [self._link.tiles_at(self._link.keys.tiles_of(layer)) for layer in self._layers]
-        return [tile for tiles in found for tile in tiles]
+            found = self._link.query_tiles(self._layers)
+        else:
+            found = [t for each in self._layers for t in self._link.tiles_at(keys.tiles_of(each))]
+        return sorted(found, key=lambda tile: tile.map_id, reverse=True)
 
     def _heads(self, layer: str) -> list[Tile]:
         return self._link.tiles_at(f"{self._link.keys.tiles_of(layer)}?{HEADS}")
