@@ -14,7 +14,7 @@ from zloam_monitor.clouds import Tile
 from zloam_monitor.compose import HeaderValues
 from zloam_monitor.link import Link
 from zloam_monitor.map_copy import MapCopy, lacks, show_past
-from zloam_monitor.messages import MAP_POINT
+from zloam_monitor.messages import MAP_POINT, STAMPED_POSE
 
 SECONDS = 60.0
 
@@ -79,8 +79,11 @@ def test_what_was_dropped_on_the_way_is_told_and_asked_for_again(session: FakeSe
 
 def tell_tiles(session: FakeSession, count: int) -> None:
     """What mapping's status says of its map."""
+    tell(session, compose.status("mapping", 1, 1, 1, [], {}, figures={"map_tiles": float(count)}))
+
+
+def tell(session: FakeSession, status: bytes) -> None:
     session.alive = ("mapping",)
-    status = compose.status("mapping", count, 1, 1, [], {}, figures={"map_tiles": float(count)})
     session.rounds[session.keys.below("service/mapping/mapping-1/status")] = [[status]]
 
 
@@ -139,6 +142,25 @@ def test_a_view_that_starts_asks_again_for_what_was_dropped(
     show_past(Link(session, session.keys), scene)
     assert sorted(scene.tiles) == [0, 1, 2]
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("last_sweep", "poses", "told"), [(1, None, True), (None, None, False), (1, 2, False)]
+)
+def test_a_path_that_did_not_come_is_told(
+    session: FakeSession,
+    capsys: pytest.CaptureFixture[str],
+    last_sweep: int | None,
+    poses: int | None,
+    told: bool,
+) -> None:
+    """Else it seems that the robot began where the view did."""
+    tell(session, compose.status("mapping", 1, 1, last_sweep, [], {}))
+    if poses is not None:
+        path = compose.path(HeaderValues(1, 0, 0), np.zeros(poses, STAMPED_POSE))
+        session.rounds[session.keys.path_map] = [[path]]
+    show_past(Link(session, session.keys), Drawn())
+    assert ("the path so far did not come" in capsys.readouterr().out) is told
 
 
 def test_a_tile_that_never_comes_is_told_and_does_not_hold_the_view_up(

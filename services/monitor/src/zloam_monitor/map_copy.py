@@ -53,11 +53,15 @@ class Scene(Protocol):
 
 
 def show_past(link: Link, scene: Scene) -> None:
-    """Shows path and map from before a view's start, and prints what it lacks of the map."""
-    scene.keep_path(*link.query_path())
+    """Shows path and map from before a view's start, and prints what it lacks of them."""
+    run, poses = link.query_path()
+    scene.keep_path(run, poses)
     copy = MapCopy(link)
     for tile in copy.gather(START_S):
         scene.keep(tile)
+    mapping = link.stage("mapping")
+    if not len(poses) and mapping is not None and mapping.last_sweep is not None:
+        print("the path so far did not come: it begins here", flush=True)
     if said := lacks(copy.lacking):
         print(said, flush=True)
 
