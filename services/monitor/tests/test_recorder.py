@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import re
 import resource
@@ -298,6 +299,22 @@ def test_the_map_from_before_it_is_recorded(session: FakeSession, tmp_path: Path
     path = made.parts[0]
     assert tiles_in(path) == [(0, 2, 7), (1, 2, 7), (7, 5000, 7), (7, 5001, 7)]
     assert made.lacks() == []
+
+
+def test_the_path_from_before_it_is_recorded(session: FakeSession, tmp_path: Path) -> None:
+    rows = np.zeros(3, messages.STAMPED_POSE)
+    rows["sweep"], rows["pose"]["rotation"]["w"] = range(3), 1.0
+    path = compose.path(compose.HeaderValues(1, 2, 0), rows)
+    session.rounds[session.keys.path_map] = [[path]]
+    made = Recorder(linked(session), Options(tmp_path / "run.mcap"))
+    made.settle()
+    head = compose.HeaderValues(1, 3, 3)
+    session.publish(session.keys.pose, compose.pose("MapPose", head, 3, (0, 0, 0), (0, 0, 0, 1)))
+    made.close()
+    found = dict(contents(made.parts[0]))
+    assert found["loam/robot/path/map"] == path
+    shown = importlib.import_module("foxglove_schemas_flatbuffer.PosesInFrame").PosesInFrame
+    assert shown.GetRootAs(found["/path"]).PosesLength() == 4
 
 
 def test_a_tile_from_before_is_not_written_after_a_newer_one(

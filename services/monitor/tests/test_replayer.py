@@ -294,6 +294,27 @@ def test_the_path_is_answered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         assert (said_run, poses["sweep"].tolist()) == (run, [9])
 
 
+def test_the_path_from_before_the_recording_is_answered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The recorder asked for it after its first messages had come, which it contains."""
+    ghost = Ghost(tmp_path, monkeypatch)
+    before = np.zeros(6, messages.STAMPED_POSE)
+    before["sweep"] = range(6)
+    path = compose.path(compose.HeaderValues(1, 5, 0, map_id=7), before)
+    pose, whole = "zloam.msg.MapPose", "zloam.msg.Path"
+    for topic, schema, payload in (
+        ("map/odometry", pose, mapped(1, 4, 7)),
+        ("path/map", whole, path),
+        ("map/odometry", pose, mapped(1, 5, 7)),
+        ("map/odometry", pose, mapped(1, 6, 7)),
+    ):
+        ghost.stand.put(Logged(f"loam/r/{topic}", schema, 10, payload))
+    ((_, said),) = ghost.asked(ghost.stand.keys.path_map)
+    assert records.path(said)[1]["sweep"].tolist() == list(range(7))
+    assert set(ghost.published) == {ghost.stand.keys.map_odometry}
+
+
 def test_a_part_begins_with_all_changes_and_the_path_before_it(tmp_path: Path) -> None:
     needs_schemas()
     file = McapFile(tmp_path / "run.mcap", {**ABOUT, "part": "1"})

@@ -154,8 +154,8 @@ class Recorder:
         self._last_words: dict[str, tuple[int, str]] = {}
 
     def settle(self) -> None:
-        """Queries what was published before: the configuration and its changes, and the map, which
-        comes while the recording goes on."""
+        """Queries what was published before: the configuration and its changes, the path, and the
+        map, which comes while the recording goes on."""
         keys = self.link.keys
         configs: dict[str, dict[str, Any]] = {}
 
@@ -172,7 +172,18 @@ class Recorder:
         self._stood(keys.every_revision)
         if self.options.scene:
             self._scene = Scene(keys, SCENE_SECONDS, se3.mounting_shown(configs))
+        self._past_path()
         self._map.begin()
+
+    def _past_path(self) -> None:
+        for payload in self.link.get(self.link.keys.path_map):
+            with contextlib.suppress(*messages.DECODE_ERRORS):
+                run, poses = records.path(payload)
+                if not len(poses):
+                    continue
+                self._put(Sample(self.link.keys.path_map, payload, self._intake.clock.now_ns()))
+                if self._scene is not None:
+                    self._scene.keep_path(run, poses)
 
     def _stood(self, selector: str) -> list[bytes]:
         """Asks, writes each answer that is not in the file yet, and returns all answers."""

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zloam_monitor import compose, ending, messages, records, terminal
 from zloam_monitor.failures import Misuse
@@ -27,9 +28,10 @@ from zloam_monitor.watch import STALE_SECONDS
 
 STATUS, CONFIG = "zloam.msg.Status", "zloam.msg.EffectiveConfig"
 REVISION, TILE, POSE = "zloam.msg.ConfigRevision", "zloam.msg.MapTile", "zloam.msg.MapPose"
+PATH = "zloam.msg.Path"
 #: When the replay begins later, of these messages before its begin all changes, the newest
 #: configurations and tiles, and the path come first.
-STANDING = (REVISION, CONFIG, TILE, POSE)
+STANDING = (REVISION, CONFIG, TILE, POSE, PATH)
 #: Time in which links come up, to the robot if it is present and to programs that wait.
 LINK_SECONDS = 1.0
 LOOK_SECONDS = 0.2
@@ -58,13 +60,29 @@ class _Path:
         #: Run and map.
         self._of = (0, 0)
         self._rows = bytearray()
+        self._last = -1
 
     def extend(self, pose: PoseRecord) -> None:
-        if (pose.run, pose.map_id) != self._of:
-            self._of, self._rows = (pose.run, pose.map_id), bytearray()
         at = (tuple(pose.translation), tuple(pose.quaternion))
         row = np.array([(pose.instant_ns, pose.sweep, at)], messages.STAMPED_POSE)
-        self._rows += row.tobytes()
+        self._add(pose.run, pose.map_id, row)
+
+    def begin(self, payload: bytes) -> None:
+        """The path from before the recording. It may be logged after poses that it contains."""
+        run, rows = records.path(payload)
+        header = messages.header_of(payload)
+        of = run, 0 if header is None else header.MapId()
+        if len(rows) and of == self._of:
+            self._rows, self._last = bytearray(), -1
+        self._add(*of, rows)
+
+    def _add(self, run: int, map_id: int, rows: NDArray[Any]) -> None:
+        if (run, map_id) != self._of:
+            self._of, self._rows, self._last = (run, map_id), bytearray(), -1
+        new = rows[rows["sweep"].astype(np.int64) > self._last]
+        if len(new):
+            self._rows += new.tobytes()
+            self._last = int(new["sweep"][-1])
 
     def message(self) -> bytes:
         run, map_id = self._of
@@ -157,10 +175,13 @@ class Stand:
         if rest == TILES:
             return self._kept_tile(logged.payload)
         key = self.keys.below(rest)
-        if key == self.keys.map_odometry:
-            with contextlib.suppress(*messages.DECODE_ERRORS):  # A stranger's.
+        with contextlib.suppress(*messages.DECODE_ERRORS):  # A stranger's.
+            if key == self.keys.map_odometry:
                 self._path.extend(records.map_pose(logged.payload))
-        return key
+            elif key == self.keys.path_map:
+                self._path.begin(logged.payload)
+        # Stages only answer queries with a path.
+        return None if key == self.keys.path_map else key
 
     def _kept_tile(self, payload: bytes) -> str:
         """Keeps a tile of the map for queries; returns its key. The first tile of another map ends
@@ -224,9 +245,9 @@ def _from(
     for logged in log.found(STANDING, end_ns=begin_ns):
         if not goes_on():
             return
-        if logged.schema == POSE:
+        if logged.schema in (POSE, PATH):
             # At once, as there may be many.
-            if logged.topic.endswith("/map/odometry"):
+            if logged.topic.endswith(("/map/odometry", "/path/map")):
                 yield logged
             continue
         if logged.schema != TILE:
