@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from zloam_monitor import messages, records
-from zloam_monitor.link import ChainError, Link
+from zloam_monitor.chain import ChainError
+from zloam_monitor.link import Link
 from zloam_monitor.records import ReplyRecord
 from zloam_monitor.settings import commanded
 
