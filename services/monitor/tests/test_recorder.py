@@ -15,7 +15,16 @@ import zenoh
 from mcap.reader import make_reader
 
 from fake_session import FakeSession, linked, needs_schemas, one_misses_a_query, revision
-from zloam_monitor import compose, doctor_files, intake, link, messages, recorder, records
+from zloam_monitor import (
+    compose,
+    doctor_files,
+    intake,
+    link,
+    messages,
+    recorded_keys,
+    recorder,
+    records,
+)
 from zloam_monitor.mcap_file import McapFile, RecordingError
 from zloam_monitor.recorder import Options, Recorder
 from zloam_monitor.recordings.robot_log import RobotLog
@@ -62,7 +71,7 @@ def test_all_that_is_published_can_be_recorded(
         if not any(each.includes(zenoh.KeyExpr(session.keys.below(key))) for each in read)
     }
     # The flow of a replay is between the stages alone.
-    derived = set() if everything else set(recorder.DERIVED) - {"odometry/sweep"}
+    derived = set() if everything else set(recorded_keys.DERIVED) - {"odometry/sweep"}
     assert left_out == derived | {"flow/*/ack"}
 
 

@@ -17,7 +17,7 @@ from fake_session import needs_schemas, revision
 from zloam_monitor import compose, messages, records, replayer
 from zloam_monitor.failures import Misuse
 from zloam_monitor.mcap_file import CHUNK_BYTES, McapFile
-from zloam_monitor.recorder import schema_of
+from zloam_monitor.recorded_keys import schema_of
 from zloam_monitor.recordings.robot_log import Logged, RobotLog
 from zloam_monitor.replayer import Options
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fake_session import needs_schemas
 from zloam_monitor import compose, messages
 from zloam_monitor.mcap_file import McapFile
-from zloam_monitor.recorder import schema_of
+from zloam_monitor.recorded_keys import schema_of
 from zloam_monitor.recordings import robot_log, stream
 from zloam_monitor.recordings.sweeps import Timing
 

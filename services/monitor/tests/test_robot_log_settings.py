@@ -10,7 +10,7 @@ import pytest
 from fake_session import needs_schemas, revision
 from zloam_monitor import compose, messages, sources
 from zloam_monitor.mcap_file import McapFile
-from zloam_monitor.recorder import schema_of
+from zloam_monitor.recorded_keys import schema_of
 
 ABOUT = {"robot": "r", "sensor": "lidar", "recording": "a", "version": "0.1.0", "part": "1"}
 

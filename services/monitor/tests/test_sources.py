@@ -14,7 +14,7 @@ from zloam_monitor import cli, clouds, compose, sources
 from zloam_monitor.failures import Misuse
 from zloam_monitor.mcap_file import McapFile
 from zloam_monitor.messages import MAP_POINT, POINT
-from zloam_monitor.recorder import schema_of
+from zloam_monitor.recorded_keys import schema_of
 
 
 def test_readings_go_with_any_recording(tmp_path: Path) -> None:

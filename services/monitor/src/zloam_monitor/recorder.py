@@ -13,7 +13,6 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ import zenoh
 from zloam_monitor import ending, messages, records, se3, terminal
 from zloam_monitor.foxglove_scene import Scene
 from zloam_monitor.intake import MIB, Intake, Sample
-from zloam_monitor.keys import TILES, Keys, topic_of
+from zloam_monitor.keys import TILES, topic_of
 from zloam_monitor.link import Link
 from zloam_monitor.map_before import MapBefore
 from zloam_monitor.mcap_file import (
@@ -32,6 +31,7 @@ from zloam_monitor.mcap_file import (
     part_path,
     reason,
 )
+from zloam_monitor.recorded_keys import expressions, schema_of
 from zloam_monitor.terminal import ProgressLine
 from zloam_monitor.version import version
 from zloam_monitor.watch import STALE_SECONDS
@@ -45,20 +45,6 @@ LOST = (
 )
 #: Map and path are written at most this often, if they grew.
 SCENE_SECONDS = 5.0
-#: Keys below the robot's with messages that the stages can compute again from the sweeps, or that
-#: show the contents of other keys in another form: recorded with Options.everything.
-DERIVED = (
-    "lidar/*/features",
-    "lidar/*/rejected",
-    "odometry/features",
-    "odometry/progress",
-    "map/surround",
-    "map/cloud",
-    "sweep/registered",
-    "odometry/sweep",
-    "map/submap",
-    "preview",
-)
 CONFIG, REVISION = (messages.KINDS[t].identifier for t in ("EffectiveConfig", "ConfigRevision"))
 #: Messages that each part begins with: a stranger may publish changes without end.
 MOST_STANDING = 10_000
@@ -79,39 +65,6 @@ class Options:
     scene: bool = True
     #: Size after which another file begins.
     split_bytes: int = 2048 * MIB
-
-
-@cache
-def schema_of(identifier: bytes) -> tuple[str, bytes] | None:
-    """Name and binary schema of the message with this identifier; None: not a zloam message."""
-    table = messages.TABLES.get(identifier)
-    if table is None:
-        return None
-    path = messages.schemas_path() / "zloam" / "bfbs" / f"{messages.KINDS[table].schema}.bfbs"
-    return f"zloam.msg.{table}", path.read_bytes()
-
-
-def expressions(keys: Keys, scene: bool) -> list[str]:
-    """Keys to record. A subscription to all keys would make the stages publish messages that they
-    make only for subscribers. The list has no keys that begin with @, which the stages use among
-    themselves."""
-    wanted = [
-        keys.below("lidar/*/packets"),
-        keys.below("lidar/*/sweep"),
-        keys.below("lidar/*/angle"),
-        keys.below("imu/*"),
-        keys.below("gnss/*"),
-        keys.odometry,
-        keys.pose,
-        keys.map_correction,
-        keys.map_odometry,
-        keys.tiles,
-        keys.graph_loop,
-        keys.graph_poses,
-        keys.every_status,
-        keys.every_revision,
-    ]
-    return [*wanted, keys.odometry_sweep] if scene else wanted
 
 
 @dataclass
@@ -137,9 +90,7 @@ class Recorder:
         self._closed = False
         # The file before the subscriptions, as it may be impossible to create.
         self._file = self._opened()
-        wanted = expressions(keys, options.scene)
-        if options.everything:
-            wanted = list(dict.fromkeys([*wanted, *map(keys.below, DERIVED)]))
+        wanted = expressions(keys, options.scene, options.everything)
         self._raw_clouds = options.everything
         self._intake = Intake(self.link.session, wanted, MOST_WAITING_BYTES, leave_out="newest")
         self._map = MapBefore(self.link, self._intake.add_answer)
