@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -51,9 +52,30 @@ class Robot:
         self.lives_after -= 1
         return {"mapping"} if self.lives and self.lives_after < 0 else set()
 
-    def query_tiles(self) -> list[Tile]:
+    #: Number of tiles that are dropped on the way.
+    dropped: int = 0
+    #: Index of a tile that never comes.
+    loses: int | None = None
+    now: list[Tile] = field(default_factory=list)
+
+    def query_tiles(self, _layers: Sequence[str]) -> list[Tile]:
         self.garbage += self.unreadable
-        return self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+        self.now = self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+        return self.now
+
+    def tiles_at(self, selector: str) -> list[Tile]:
+        """The plane tiles without their points, or one tile."""
+        key, _, heads = selector.partition("?")
+        if heads:
+            of_layer = self.query_tiles([]) if key == self.keys.tiles_of("plane") else []
+            return [replace(tile, points=tile.points[:0]) for tile in of_layer]
+        found = [tile for tile in self.now if self.keys.tile(tile.layer, tile.index) == key]
+        if any(tile.index[0] == self.loses for tile in found):
+            return []
+        if found and self.dropped > 0:
+            self.dropped -= 1
+            return []
+        return found
 
     def query_configs(self) -> dict[str, dict[str, Any]]:
         return {"mapping": {"mapping.leaf_plane_m": 0.4, "mapping.every": 1}}
@@ -78,6 +100,11 @@ def test_an_answer_that_was_lost_is_asked_for_again(tmp_path: Path) -> None:
     assert len(maps.read(to)) == 8
     assert b"# mapping.leaf_plane_m: 0.4\n" in to.read_bytes()
     assert b"mapping.every" not in to.read_bytes()
+
+
+def test_a_tile_that_was_dropped_is_asked_for_again(tmp_path: Path) -> None:
+    robot = Robot([[tile(0, 5), tile(1, 3)]], 8, dropped=1)
+    assert save(robot, tmp_path / "town.pcd").points == 8
 
 
 def test_a_tile_that_cannot_be_read_is_missing_in_no_saved_map(tmp_path: Path) -> None:
@@ -121,7 +148,11 @@ def test_a_mapping_without_points_is_not_waited_for(tmp_path: Path) -> None:
         (Robot([[tile(0, 5)]], 8), "only 5 of 8 points came"),
         (Robot([[]], 0), "there is no map yet"),
         (Robot([[]], 0, lives=False), "there is no map yet"),
-        (Robot([[tile(0, 5), tile(1, 5, map_id=8)]], 8), "a new map has just begun"),
+        # The new map's points came, those of the one before do not count.
+        (Robot([[tile(1, 5, map_id=8), tile(0, 5)]], 8), "only 5 of 8 points came"),
+        (Robot([[tile(0, 5), tile(1, 3)]], 5, dropped=10**6), "2 tiles of the map did not come"),
+        # One tile that has grown does not come.
+        (Robot([[tile(0, 5), tile(1, 3)]], 5, loses=1), "1 tiles of the map did not come"),
         # One of two layers, of a mapping whose statuses do not come.
         (Robot([[tile(0, 5)]], 8, mute_for=10**6), "lives but does not say how many points"),
     ],

@@ -8,12 +8,15 @@ from pathlib import Path
 
 from zloam_monitor import clouds, maps
 from zloam_monitor.link import BUSY_SECONDS, PATIENCE_SECONDS, Link
+from zloam_monitor.map_copy import MapCopy
 from zloam_monitor.maps import MapError, PointMap
 from zloam_monitor.settings import in_force
 
 #: Pause between queries: links to the stages come up one after the other, and a busy robot may fail
 #: to answer.
 PAUSE_S = 0.2
+#: Limit on one attempt to get the tiles: on a slow link they take minutes.
+ATTEMPT_S = 600.0
 #: Keys of mapping's configuration that determine the points of the map.
 PARAMETERS = ("mapping.tile_edge_m", "mapping.leaf_edge_m", "mapping.leaf_plane_m")
 
@@ -64,13 +67,10 @@ def save(link: Link, to: Path, voxel_m: float | None) -> Saved:
     deadline = began + BUSY_SECONDS
     told = _told(link, began + PATIENCE_SECONDS, deadline)
     tiles = _whole(link, told.least, deadline)
-    map_ids = {tile.map_id for tile in tiles}
-    if len(map_ids) > 1:
-        raise MapError("a new map has just begun, and the answers are of both: save again")
     found = PointMap(*clouds.merged(tiles))
     if voxel_m is not None:
         found = maps.thinned(found, voxel_m)
-    (map_id,) = map_ids
+    map_id = tiles[0].map_id
     maps.write(to, found, _notes(link, map_id, told.sweep, voxel_m))
     took_s = time.monotonic() - began
     robot, count = link.keys.robot, len(found)
@@ -102,16 +102,25 @@ def _told(link: Link, patience: float, deadline: float) -> Told:
 
 
 def _whole(link: Link, least: int, deadline: float) -> list[clouds.Tile]:
+    """All tiles, got as views get them: answers that may not be dropped hold up the robot before a
+    slow link."""
+    copy = MapCopy(link)
     while True:
         unread = -link.garbage
-        tiles = [tile for tile in link.query_tiles() if len(tile.points)]
+        tiles = [tile for tile in copy.gather(ATTEMPT_S) if len(tile.points)]
         unread += link.garbage
         count = sum(len(tile.points) for tile in tiles)
-        if (count >= least and not unread) or time.monotonic() > deadline:
+        whole = count >= least and not unread and not copy.lacking
+        if whole or time.monotonic() > deadline:
             break
         time.sleep(PAUSE_S)
     if unread:
         raise MapError(f"{unread} tiles of the map can't be read: nothing is written; save again")
+    if copy.lacking:
+        raise MapError(
+            f"{copy.lacking} tiles of the map did not come: nothing is written; save again, or on "
+            "the robot's own machine (zloam save)"
+        )
     if count == 0:
         raise MapError("there is no map yet: neither mapping nor a store has points of it")
     if count < least:
