@@ -1,5 +1,6 @@
 // Commands of the graph: loops that a user adds and removes, and its files.
 
+#include <algorithm>
 #include <array>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -15,9 +16,10 @@ namespace {
 constexpr const char* kSeveralRuns =
     "several submaps have these sweeps, because the driver was restarted in this map: nothing was "
     "changed";
+
 runtime::CommandReply refused(const std::string& why) { return {false, why, "{}"}; }
 
-// The two submaps that a command names by their sweeps, the older one first; or why there are none.
+// The submaps that a command names by their two sweeps; or why there are none.
 struct NamedEnds {
   NamedEnds(const nlohmann::json& arguments, const std::vector<Node>& nodes) {
     constexpr std::array<const char*, 2> kNames = {"from_sweep", "to_sweep"};
@@ -34,10 +36,6 @@ struct NamedEnds {
       if (!submaps[i].empty()) continue;
       error = std::string(kNames[i]) + ": no submap has its frame there; see graph/poses";
       return;
-    }
-    if (submaps[0] > submaps[1]) {
-      std::swap(sweeps[0], sweeps[1]);
-      std::swap(submaps[0], submaps[1]);
     }
   }
 
@@ -79,7 +77,7 @@ runtime::CommandReply GraphStage::add(const std::string& arguments_json) {
   if (!force.is_boolean()) return refused("force is neither true nor false");
   const std::array<std::vector<std::size_t>, 2>& at = ends.submaps;
   if (at[0].size() > 1 || at[1].size() > 1) return refused(kSeveralRuns);
-  const std::size_t from = at[0][0], to = at[1][0];
+  const auto [from, to] = std::minmax({at[0][0], at[1][0]});
   const double way_m = graph_.nodes()[to].way_m - graph_.nodes()[from].way_m;
   if (way_m < config_.loop_way_m) return refused(too_near(config_.loop_way_m));
   if (!graph_.in_force(ends.sweeps[0], ends.sweeps[1]).empty()) {

@@ -322,13 +322,14 @@ std::size_t LoopGraph::loops_in_force() const {
                     [](const Loop& loop) { return loop.verdict == Verdict::kAccepted; }));
 }
 std::vector<Loop> LoopGraph::in_force(std::uint64_t from_sweep, std::uint64_t to_sweep) const {
-  std::vector<Loop> out;
+  std::vector<Loop> as_named, reversed;
   for (const Loop& loop : state_->loops) {
-    const bool between =
-        state_->nodes[loop.from].sweep == from_sweep && state_->nodes[loop.to].sweep == to_sweep;
-    if (between && loop.verdict == Verdict::kAccepted) out.push_back(state_->of_submaps(loop));
+    if (loop.verdict != Verdict::kAccepted) continue;
+    const std::pair ends(state_->nodes[loop.from].sweep, state_->nodes[loop.to].sweep);
+    if (ends == std::pair(from_sweep, to_sweep)) as_named.push_back(state_->of_submaps(loop));
+    if (ends == std::pair(to_sweep, from_sweep)) reversed.push_back(state_->of_submaps(loop));
   }
-  return out;
+  return as_named.empty() ? reversed : as_named;
 }
 double LoopGraph::last_move_m() const { return state_->last_move_m; }
 bool LoopGraph::fitted() const { return state_->fitted; }

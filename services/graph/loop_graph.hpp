@@ -103,8 +103,9 @@ class LoopGraph {
   /// Loops in force, and those that wait for confirmation by another.
   std::vector<Loop> loops() const;
   std::size_t loops_in_force() const;
-  /// Those in force between submaps of these sweeps. Two runs in one graph, after a restart of the
-  /// driver, number their sweeps alike, so there may be several.
+  /// Those in force from a submap of the one sweep to a later one of the other; without any, those
+  /// the other way about. Two runs in one graph, after a restart of the driver, number their sweeps
+  /// alike, so there may be several, and the later submap may have the lower number.
   std::vector<Loop> in_force(std::uint64_t from_sweep, std::uint64_t to_sweep) const;
   /// Number of changes of the poses.
   std::uint32_t revision() const;

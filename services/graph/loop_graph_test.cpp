@@ -237,6 +237,9 @@ TEST(LoopGraph, ALoopIsNamedBySweepsOfTwoRunsThatAreNumberedAlike) {
         ran.graph.in_force(driven.submaps[loop.from].sweep, driven.submaps[loop.to].sweep);
     const auto is_it = [&](const Loop& l) { return l.from == loop.from && l.to == loop.to; };
     EXPECT_TRUE(std::ranges::any_of(found, is_it)) << loop.from << " to " << loop.to;
+    const auto reversed =
+        ran.graph.in_force(driven.submaps[loop.to].sweep, driven.submaps[loop.from].sweep);
+    EXPECT_FALSE(reversed.empty()) << loop.to << " to " << loop.from;
     into_second_run += loop.to >= half ? 1 : 0;
   }
   EXPECT_GT(into_second_run, 5U);
