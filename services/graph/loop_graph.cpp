@@ -232,6 +232,12 @@ bool LoopGraph::State::optimise(std::vector<Loop>& decided) {
   return move_to(poses);
 }
 
+std::vector<Pose> LoopGraph::State::world() const {
+  std::vector<Pose> poses;
+  for (const Place& place : places) poses.push_back(place.T_world_place);
+  return poses;
+}
+
 bool LoopGraph::State::move_to(const std::vector<Pose>& poses) {
   last_move_m = 0.0;
   for (std::size_t i = 0; i < places.size(); ++i) {

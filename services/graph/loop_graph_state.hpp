@@ -73,6 +73,7 @@ struct LoopGraph::State {
   Loop* contradiction(const std::vector<Pose>& poses);
   bool optimise(std::vector<Loop>& decided);
   bool move_to(const std::vector<Pose>& poses);
+  std::vector<Pose> world() const;
   std::vector<Between> factors(bool with_drift) const;
   std::vector<bool> behind_the_loops() const;
   Optimised fitted_to_loops(const std::vector<Pose>& start) const;

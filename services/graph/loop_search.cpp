@@ -41,9 +41,7 @@ bool is_same(const Pose& a, const Pose& b) {
 }  // namespace
 
 std::vector<std::optional<Matrix6>> LoopGraph::State::known_from(std::size_t to) const {
-  std::vector<Pose> world;
-  for (const Place& place : places) world.push_back(place.T_world_place);
-  return uncertainties(to, world, factors(true));
+  return uncertainties(to, world(), factors(true));
 }
 
 std::vector<LoopGraph::State::Candidate> LoopGraph::State::candidates(

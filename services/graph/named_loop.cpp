@@ -2,6 +2,7 @@
 // loop but the one that another loop confirms it.
 
 #include <algorithm>
+#include <tuple>
 #include <utility>
 
 #include "graph/loop_graph_state.hpp"
@@ -28,7 +29,8 @@ Loop LoopGraph::State::named(std::size_t from, std::size_t to) const {
 // False: the loop contradicts those in force, or the poses can't be fitted to it, and all is as
 // before.
 bool LoopGraph::State::comes_into_force(const Loop& loop, Update& update) {
-  const std::vector<Loop> before = loops;
+  const std::vector<Pose> poses_before = world();
+  const std::tuple before(loops, frames, revision, fitted, chi2_before, chi2_after, last_move_m);
   std::erase_if(loops, [&](const Loop& l) { return l.from == loop.from && l.to == loop.to; });
   loops.push_back(loop);
   std::vector<Loop> decided;
@@ -38,9 +40,8 @@ bool LoopGraph::State::comes_into_force(const Loop& loop, Update& update) {
     update.revised = revised;
     return true;
   }
-  loops = before;
-  std::vector<Loop> ignored;
-  optimise(ignored);
+  move_to(poses_before);
+  std::tie(loops, frames, revision, fitted, chi2_before, chi2_after, last_move_m) = before;
   return false;
 }
 
