@@ -55,6 +55,10 @@ std::string why_refused(const Loop& loop) {
   std::ostringstream text;
   text << "refused: " << verdict_name(loop.verdict) << " (overlap " << loop.overlap << ", chi2 "
        << loop.chi2 << ")";
+  if (loop.forced) {
+    text << "; the poses can't be fitted to it";
+    return text.str();
+  }
   if (loop.verdict == Verdict::kTakenBack) text << ", it contradicts the loops in force";
   text << "; with \"force\": true it is added "
        << (loop.overlap > 0.0 ? "all the same" : "where the two have a wall in common");
