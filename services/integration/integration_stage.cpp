@@ -82,6 +82,8 @@ IntegrationStage::IntegrationStage(runtime::Stage& stage, const IntegrationConfi
     if (!write_files().empty()) return;
     journal_.remove();
     state_.remove();
+    // Nothing needs them any more.
+    for (const char* topic : {"journal", "state file"}) stage_.degraded(topic, "");
   });
   stage.on_stop([this] {
     if (!unsaved_) return;
@@ -118,8 +120,10 @@ void IntegrationStage::new_run(const msg::Header& first) {
 void IntegrationStage::keep_unwritten(const std::string& error) {
   if (error.empty()) return;
   const std::string kept = journal_.keep_unwritten();
+  const std::string poses = journal_.is_behind() ? "its first poses, for which there was room,"
+                                                 : "its poses";
   stage_.lost_output(kept.empty() ? error
-                                  : error + "; its poses are kept in " + kept +
+                                  : error + "; " + poses + " are kept in " + kept +
                                         ": make room, stop integration and rename it to "
                                         "trajectory.journal; the next start writes them");
 }

@@ -96,7 +96,8 @@ std::string Journal::keep_unread() const {
   return set_aside(".unread");
 }
 
-std::string Journal::keep_unwritten() const {
+std::string Journal::keep_unwritten() {
+  if (is_behind()) write_waiting();
   const std::vector<JournalPose> poses = read();
   const bool can_be_repeated = !poses.empty() && poses.back().replay;
   return poses.empty() || can_be_repeated ? std::string() : set_aside(".unwritten");

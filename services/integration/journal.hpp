@@ -40,8 +40,9 @@ class Journal {
   /// which is returned; empty: there is none.
   std::string keep_unread() const;
   /// The same for a live run's journal whose poses could not be written to the run's files, as on a
-  /// full disk: the next begin() would leave them nowhere. A replay can be repeated.
-  std::string keep_unwritten() const;
+  /// full disk: the next begin() would leave them nowhere. Poses that find no room until now are
+  /// not in it: see is_behind(). A replay can be repeated.
+  std::string keep_unwritten();
   /// Starts a new journal that holds these poses.
   std::string begin(const std::vector<JournalPose>& poses);
   /// Empty, or a sentence that says what failed, once. Poses that find no room are written before a

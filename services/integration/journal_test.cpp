@@ -217,6 +217,19 @@ TEST_F(JournalTest, WhenThereIsRoomAgainItHoldsAllPoses) {
   for (std::size_t i = 0; i < poses.size(); ++i) expect_equal(poses[i], pose(i));
 }
 
+TEST_F(JournalTest, OneThatIsKeptHasAllPosesIfThereIsRoomByThen) {
+  Journal journal(path_);
+  std::vector<JournalPose> live = {pose(0), pose(1)};
+  for (JournalPose& each : live) each.replay = false;
+  ASSERT_EQ(journal.begin({live[0]}), "");
+  {
+    const FileLimit limit(3 * std::filesystem::file_size(path_) / 2);
+    EXPECT_NE(journal.append(live[1]), "");
+  }
+  const std::string kept = journal.keep_unwritten();
+  EXPECT_EQ(Journal(kept).read().size(), 2U);
+}
+
 TEST_F(JournalTest, ANewOneThatFindsNoRoomLeavesTheOldOneAndNothingElse) {
   Journal journal(path_);
   ASSERT_EQ(journal.begin({pose(0)}), "");
