@@ -61,12 +61,6 @@ RegistrationStage::RegistrationStage(runtime::Stage& stage, const RegistrationCo
   options.on_given_up = [this](std::uint64_t run, std::uint64_t sweep, std::string_view) {
     publish_dropped(run, sweep);
   };
-  // On arrival: a sweep may be given up before any was processed here.
-  options.admit = [this](const Message& message) {
-    const bool is_present = !message.recovered || driver_term_ == 0;
-    if (is_present) driver_term_ = message.header->term();
-    return true;
-  };
   sweeps_ = &stage.inlet<msg::Sweep>(Key::kSweep, options,
                                      [this](const Sweep& sweep) { return take(sweep); });
   stage.on_poll([this] { return settle_held(); });
@@ -169,9 +163,7 @@ void RegistrationStage::publish_rejected(const Sweep& sweep, const RegistrationR
 void RegistrationStage::publish_dropped(std::uint64_t run, std::uint64_t sweep) {
   hear_colleagues();
   if (!sharing_.first(run, sweep)) return;
-  HeaderFields last = last_;
-  last.term = driver_term_;
-  runtime::publish_dropped(stage_, features_, last, run, sweep);
+  runtime::publish_dropped(stage_, features_, *sweeps_, last_, run, sweep);
 }
 
 }  // namespace zloam::registration

@@ -41,8 +41,6 @@ class RegistrationStage {
   runtime::Outlet& rejected_;
   runtime::Inlet* sweeps_ = nullptr;
   HeaderFields last_;
-  /// of the sweep that arrived last
-  std::uint32_t driver_term_ = 0;
   /// newest run of the sensor, whichever replica computes it
   std::uint64_t newest_run_ = 0;
   PacketSpan newest_;

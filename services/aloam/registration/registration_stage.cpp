@@ -37,13 +37,8 @@ RegistrationStage::RegistrationStage(runtime::Stage& stage)
   options.on_given_up = [this](std::uint64_t run, std::uint64_t sweep, std::string_view) {
     publish_dropped(run, sweep);
   };
-  // On arrival: a sweep may be given up before any was processed here.
-  options.admit = [this](const runtime::Message& message) {
-    const bool is_present = !message.recovered || driver_term_ == 0;
-    if (is_present) driver_term_ = message.header->term();
-    return true;
-  };
-  stage.inlet<msg::Sweep>(Key::kSweep, options, [this](const Sweep& sweep) { process(sweep); });
+  sweeps_ = &stage.inlet<msg::Sweep>(Key::kSweep, options,
+                                     [this](const Sweep& sweep) { process(sweep); });
 }
 
 void RegistrationStage::process(const Sweep& sweep) {
@@ -59,9 +54,7 @@ void RegistrationStage::process(const Sweep& sweep) {
 }
 
 void RegistrationStage::publish_dropped(std::uint64_t run, std::uint64_t sweep) {
-  HeaderFields last = last_;
-  last.term = driver_term_;
-  runtime::publish_dropped(stage_, features_, last, run, sweep);
+  runtime::publish_dropped(stage_, features_, *sweeps_, last_, run, sweep);
 }
 
 }  // namespace zloam::aloam

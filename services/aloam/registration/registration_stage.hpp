@@ -22,9 +22,8 @@ class RegistrationStage {
   runtime::Stage& stage_;
   SensorDefaults defaults_;
   runtime::Outlet& features_;
+  runtime::Inlet* sweeps_ = nullptr;
   HeaderFields last_;
-  /// of the sweep that arrived last
-  std::uint32_t driver_term_ = 0;
 };
 
 }  // namespace zloam::aloam

@@ -121,6 +121,9 @@ class Inlet {
   virtual void continue_at(std::uint64_t run, std::uint64_t sweep) = 0;
   /// Worker only.
   virtual Arrivals arrivals() const = 0;
+  /// Of the newest message that was accepted and that nobody had asked for; while there is none, of
+  /// the first answer. 0: nothing has come. Worker only.
+  virtual std::uint32_t term() const = 0;
   /// Finishes a message whose handler returned kHeld; work returns its outcome. Worker only.
   virtual void settle(Message message, const std::function<Outcome(const Message&)>& work) = 0;
 };

@@ -167,6 +167,7 @@ void InletCore::accept(Raw raw) {
     return;
   }
   if (!raw.recovered) fence_.took(run, header.term(), steady_ns());
+  if (!raw.recovered || term_ == 0) term_ = header.term();
   keep(kept, bytes, raw.sample.encoding);
   events_.saw(run, sweep);
   note_seen(raw.recovered);

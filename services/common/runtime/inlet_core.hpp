@@ -75,6 +75,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   bool is_of_no_sweep() const { return setup_.options.order == Order::kAsTheyCome; }
   void continue_at(std::uint64_t run, std::uint64_t sweep) override;
   Arrivals arrivals() const override { return sequencer_.arrivals(); }
+  std::uint32_t term() const override { return term_; }
   void settle(Message message, const std::function<Outcome(const Message&)>& work) override;
 
   /// Any thread: answers get <key>?kept=1, or by number, as the publisher would.
@@ -146,6 +147,7 @@ class InletCore final : public Inlet, public std::enable_shared_from_this<InletC
   Sequencer sequencer_;
   SeenNumbers seen_;
   TermFence fence_;
+  std::uint32_t term_ = 0;
   std::deque<Message> arrivals_;
   std::size_t arrivals_bytes_ = 0;
   MessageCache kept_;

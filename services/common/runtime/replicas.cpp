@@ -28,16 +28,16 @@ void publish_progress(const Stage& stage, Outlet& progress, const Inlet& input, 
   progress.publish(header, build(fields));
 }
 
-void publish_dropped(const Stage& stage, Outlet& features, const HeaderFields& last,
-                     std::uint64_t run, std::uint64_t sweep) {
+void publish_dropped(const Stage& stage, Outlet& features, const Inlet& sweeps,
+                     const HeaderFields& last, std::uint64_t run, std::uint64_t sweep) {
   HeaderFields header = features.header(stage.now_ns(), stage.now_ns());
   header.run = run;
   header.sweep = sweep;
   header.frame = "lidar";
   header.stamp_ns = last.stamp_ns;
   // The driver's term, as in all features: a lower one would be rejected as that of a superseded
-  // instance.
-  header.term = last.term;
+  // instance. A sweep may be given up before any was processed here.
+  header.term = sweeps.term();
   header.config_rev = stage.config_rev(run, sweep);
   features.publish(header, build(header, FeaturesFields{.health = Health::kDropped}));
 }

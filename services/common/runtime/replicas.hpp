@@ -18,9 +18,9 @@ InletOptions from_replicas(Stage& stage, std::string of);
 void publish_progress(const Stage& stage, Outlet& progress, const Inlet& input, HeaderFields header,
                       std::uint64_t run, std::uint64_t next_sweep);
 
-/// An empty message tells odometry not to wait for a sweep that was dropped here. last: the header
-/// of the features published last, with the driver's present term.
-void publish_dropped(const Stage& stage, Outlet& features, const HeaderFields& last,
-                     std::uint64_t run, std::uint64_t sweep);
+/// An empty message tells odometry not to wait for a sweep that was dropped here. sweeps: the input
+/// of the driver's sweeps. last: the header of the features published last.
+void publish_dropped(const Stage& stage, Outlet& features, const Inlet& sweeps,
+                     const HeaderFields& last, std::uint64_t run, std::uint64_t sweep);
 
 }  // namespace zloam::runtime

@@ -98,5 +98,44 @@ TEST(Fencing, TheNextRunIsNotFencedByTheTermsOfTheLast) {
   EXPECT_EQ(f.dropped(Drop::kFenced), 0U);
 }
 
+// Else features that name it would have odometry refuse the true ones for two seconds.
+TEST(Fencing, TheTermOfAMessageThatIsRefusedIsNotTheInputs) {
+  const Network network(2);
+  Watched<std::vector<std::uint32_t>> terms;
+  const Inlet* input = nullptr;
+  RunningStage reader(network.open(0), setup("integration"), [&](Stage& stage) {
+    input = &stage.inlet<msg::Odometry>(Key::kOdometry, InletOptions{},
+                                        [](const Received<msg::Odometry>&) {});
+    stage.on_poll([&] {
+      terms.change([&](auto& list) { list.push_back(input->term()); });
+      return Poll::kWait;
+    });
+  });
+  const auto has_refused = [&] {
+    return reader->accounts().at(0).dropped[static_cast<std::size_t>(Drop::kDuplicate)] > 0;
+  };
+  zenoh::Session source = network.open(1);
+  zenoh::PublisherOptions options;
+  options.encoding = encoding_of(Key::kOdometry);
+  zenoh::Publisher out = source.declare_publisher(kKeys.of(Key::kOdometry), options);
+  wait_for_reader(out);
+  const auto put = [&](std::uint32_t term) {
+    HeaderFields h = sweep_header(1, 0, true);
+    h.term = term;
+    out.put(zenoh::Bytes::own(build(h, OdometryFields{})));
+  };
+  put(3);
+  ASSERT_TRUE(terms.wait([](const auto& list) { return !list.empty() && list.back() == 3; }));
+  put(9);
+  const auto until = std::chrono::steady_clock::now() + kPatience;
+  while (!has_refused() && std::chrono::steady_clock::now() < until) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  ASSERT_TRUE(has_refused());
+  terms.change([](auto& list) { list.clear(); });
+  ASSERT_TRUE(terms.wait([](const auto& list) { return !list.empty(); }));
+  EXPECT_EQ(terms.get().back(), 3U);
+}
+
 }  // namespace
 }  // namespace zloam::runtime
