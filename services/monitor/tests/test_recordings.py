@@ -120,6 +120,21 @@ def test_times_are_numbers_in_any_form(
     assert tuple(table.stamp_ns for table in tables) == stamps_ns
 
 
+def stamps_of(folder: Path, *names: str) -> list[int]:
+    """Stamps of the clouds in a folder of files with these names."""
+    for name in names:
+        clouds.write_pcd(folder / f"{name}.pcd", np.zeros(1, MAP_POINT), np.zeros(1, np.uint8))
+    with folders.opened(folder, 0.1) as opened:
+        return [table.stamp_ns for table in opened.messages(opened.topics[0])]
+
+
+@pytest.mark.parametrize("digits", [10, 13, 16, 19])
+def test_numbers_of_as_many_digits_as_a_time_are_no_times(tmp_path: Path, digits: int) -> None:
+    """KITTI's scans have ten digits, converted to PCD or not."""
+    names = [f"{number:0{digits}d}" for number in range(3)]
+    assert stamps_of(tmp_path, *names) == [STAMP_NS + n * 10**8 for n in range(3)]
+
+
 @pytest.mark.parametrize("more", [(), ("--stream",)])
 def test_a_time_model_that_there_is_not(
     folder: Path, more: tuple[str, ...], capsys: pytest.CaptureFixture[str]

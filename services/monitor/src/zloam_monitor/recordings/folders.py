@@ -52,8 +52,9 @@ def is_recording(path: Path) -> bool:
 
 def time_ns(text: str) -> int | None:
     """Time since 1970 in ns; the unit (s, ms, us, ns, s with a fraction) follows from the number of
-    digits. None: no time."""
-    match = re.fullmatch(r"\D*?(\d{10,19})(?:[._-](\d{1,9}))?", text)
+    digits. None: no time. Numbers of scans have leading zeros (KITTI's have ten digits), times have
+    none."""
+    match = re.fullmatch(r"\D*?([1-9]\d{9,18})(?:[._-](\d{1,9}))?", text)
     if match is None or len(match[1]) not in EPOCH_NS:
         return None
     whole = int(match[1]) * EPOCH_NS[len(match[1])]
