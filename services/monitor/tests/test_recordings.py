@@ -135,6 +135,22 @@ def test_numbers_of_as_many_digits_as_a_time_are_no_times(tmp_path: Path, digits
     assert stamps_of(tmp_path, *names) == [STAMP_NS + n * 10**8 for n in range(3)]
 
 
+def test_decimals_of_times_in_names_need_not_be_as_many(tmp_path: Path) -> None:
+    """Python prints no zeros at the end."""
+    names = ("1403636579.75", "1403636579.9", "1403636580.0", "1403636580.125")
+    assert stamps_of(tmp_path, *names) == [
+        1_403_636_579_750_000_000,
+        1_403_636_579_900_000_000,
+        1_403_636_580_000_000_000,
+        1_403_636_580_125_000_000,
+    ]
+
+
+def test_nanoseconds_without_leading_zeros_are_not_taken_for_decimals(tmp_path: Path) -> None:
+    with pytest.raises(Refused, match="do not ascend"):
+        stamps_of(tmp_path, "1403636579_5000000", "1403636579_105000000")
+
+
 @pytest.mark.parametrize("more", [(), ("--stream",)])
 def test_a_time_model_that_there_is_not(
     folder: Path, more: tuple[str, ...], capsys: pytest.CaptureFixture[str]

@@ -43,7 +43,14 @@ def clouds_in(path: Path) -> list[Path]:
     if not path.is_dir():
         return []
     found = [p for p in path.iterdir() if p.suffix.lower() in READERS and p.name[0] != "."]
-    return sorted(found, key=lambda p: ([int(n) for n in re.findall(r"\d+", p.stem)], p.name))
+    return sorted(found, key=lambda p: (_numbers(p.stem), p.name))
+
+
+def _numbers(stem: str) -> list[int]:
+    """A time in s with decimals is one number: of 0.25 and 0.5, as Python prints them, the first
+    has the greater decimals. Behind another sign they may be ns without leading zeros."""
+    time = time_ns(stem) if re.search(r"\d\.\d+$", stem) else None
+    return [int(n) for n in re.findall(r"\d+", stem)] if time is None else [time]
 
 
 def is_recording(path: Path) -> bool:
