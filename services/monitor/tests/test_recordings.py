@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import shutil
+import sqlite3
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from zloam_monitor import cli, clouds, sources
@@ -55,6 +60,67 @@ def test_of_several_topics_the_fullest_is_proposed(tmp_path: Path) -> None:
     path = a_bag(tmp_path / "drive.bag", {"/imu_packets": 2, "/lidar_packets": 6})
     with bags.opened(path) as bag, pytest.raises(Refused, match=r"driver\.topic=/lidar_packets$"):
         bag.choose("")
+
+
+def a_bag2(path: Path, count: int, plugin: StoragePlugin = StoragePlugin.SQLITE3) -> Path:
+    """The file of a ROS 2 bag with so many messages on one topic."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](10**9, 0), "l")
+    cloud = types[CLOUD](header, 1, 0, [], False, 1, 0, np.empty(0, np.uint8), True)
+    with Writer2(path, version=9, storage_plugin=plugin) as bag:
+        connection = bag.add_connection("/points", CLOUD, typestore=store)
+        for n in range(count):
+            bag.write(connection, STAMP_NS + n, store.serialize_cdr(cloud, CLOUD))
+    return next(each for each in path.iterdir() if each.suffix in (".db3", ".mcap"))
+
+
+def test_messages_in_sqlites_log_are_not_passed_over(tmp_path: Path) -> None:
+    """As a recorder with the storage preset `resilient` leaves them that was killed."""
+    file = a_bag2(tmp_path / "bag", 3)
+    base = sqlite3.connect(file)
+    base.execute("PRAGMA journal_mode=WAL")
+    base.execute(
+        "INSERT INTO messages(topic_id, timestamp, data)"
+        " SELECT topic_id, timestamp + 10, data FROM messages"
+    )
+    base.commit()
+    killed = shutil.copytree(tmp_path / "bag", tmp_path / "killed")
+    base.close()
+    for path in (killed, killed / file.name):
+        with pytest.raises(Refused, match=r"sqlite3 '.*bag\.db3' 'PRAGMA wal_checkpoint'$"):
+            bags.opened(path).__enter__()
+    # What is proposed.
+    with contextlib.closing(sqlite3.connect(killed / file.name)) as base:
+        base.execute("PRAGMA wal_checkpoint")
+    with bags.opened(killed / file.name) as bag:
+        assert len(list(bag.messages(bag.topics[0]))) == 6
+
+
+@pytest.mark.parametrize("plugin", StoragePlugin)
+def test_of_a_folder_without_metadata_a_file_is_named(
+    tmp_path: Path, plugin: StoragePlugin
+) -> None:
+    file = a_bag2(tmp_path / "bag", 3, plugin)
+    (file.parent / "metadata.yaml").unlink()
+    said = rf"no metadata\.yaml.*such as {file.name}, or .*ros2 bag reindex"
+    with pytest.raises(Refused, match=said):
+        bags.opened(file.parent).__enter__()
+    with pytest.raises(sources.SourceError, match=said):
+        sources.from_bag(file.parent, [])
+    with bags.opened(file) as bag:
+        assert len(list(bag.messages(bag.topics[0]))) == 3
+
+
+def test_of_a_file_that_was_cut_off_it_is_said_what_helps(tmp_path: Path) -> None:
+    whole = a_bag2(tmp_path / "bag", 20, StoragePlugin.MCAP).read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[:-100])
+    with pytest.raises(Refused, match=r"cannot be read: .*`mcap recover"):
+        bags.opened(tmp_path / "cut.mcap").__enter__()
+    whole = a_bag(tmp_path / "drive.bag", {"/points": 3}).read_bytes()
+    (tmp_path / "drive.bag.active").write_bytes(whole[:-100])
+    with pytest.raises(Refused, match=r"`rosbag reindex`.*must end in \.bag"):
+        bags.opened(tmp_path / "drive.bag.active").__enter__()
 
 
 def test_fields_of_a_count_of_0_have_one_value() -> None:

@@ -110,6 +110,8 @@ def from_bag(path: Path, settings: Iterable[str], config: Path | None = None) ->
     """
     _existing(path, "the recording")
     if not folders.is_recording(path):
+        if reason := bags.without_metadata(path):
+            raise SourceError(f"{path}: {reason}")
         raise SourceError(
             f"{path} is no bag of ROS 1 or 2, no MCAP file and no folder of PCD, PLY, LAS or LAZ "
             "files"

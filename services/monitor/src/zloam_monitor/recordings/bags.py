@@ -36,8 +36,14 @@ FOREIGN = {
     **dict.fromkeys(OUSTER, "uint8[] buf\n"),
     **livox.TYPES,
 }
-#: First bytes of the recordings that can be read.
-MAGICS = (b"#ROSBAG V", b"SQLite format 3", b"\x89MCAP")
+#: First bytes of the recordings that can be read -> what helps if such a file was cut off.
+MAGICS = {
+    b"#ROSBAG V": "`rosbag reindex` writes its index; its name must end in .bag",
+    b"SQLite format 3": "`sqlite3 FILE .recover` shows what is left of it",
+    b"\x89MCAP": "`mcap recover FILE -o NEW` makes a whole file of what is left",
+}
+#: Files of bags with several files.
+PARTS = ("*.db3", "*.mcap", "*.db3.zstd", "*.mcap.zstd")
 #: Bytes at both ends of each file that its identity is computed from: a bag may have 100 GB.
 IDENTIFYING_BYTES = 1 << 20
 
@@ -65,12 +71,44 @@ class Topic:
 
 
 def is_recording(path: Path) -> bool:
-    if (path / "metadata.yaml").is_file():
-        return True
+    return (path / "metadata.yaml").is_file() or _magic(path) is not None
+
+
+def _magic(path: Path) -> bytes | None:
+    """The key of MAGICS with which the file begins; None: it is no such file."""
     if not path.is_file():
-        return False
+        return None
     with path.open("rb") as file:
-        return file.read(16).startswith(MAGICS)
+        begin = file.read(16)
+    return next((magic for magic in MAGICS if begin.startswith(magic)), None)
+
+
+def without_metadata(path: Path) -> str:
+    """What helps if the folder is a bag whose recorder was ended before it wrote metadata.yaml;
+    empty: it is none."""
+    if not path.is_dir() or (path / "metadata.yaml").exists():
+        return ""
+    found = sorted(file for kind in PARTS for file in path.glob(kind))
+    if not found:
+        return ""
+    return (
+        "the folder has no metadata.yaml, which a recorder writes at its end: name a file in it, "
+        f"such as {found[0].name}, or make one by `ros2 bag reindex`"
+    )
+
+
+def _refuse_unfinished(path: Path) -> None:
+    """Refuses a bag whose last messages are not in its files yet: without SQLite's log the library
+    would read those before, and perhaps halves of pages."""
+    if reason := without_metadata(path):
+        raise Refused(reason)
+    for each in files_of(path):
+        log = each.with_name(f"{each.name}-wal")
+        if _magic(each) == b"SQLite format 3" and log.is_file() and log.stat().st_size:
+            raise Refused(
+                f"{log.name} has messages that are not in {each.name} yet: end the recorder, or if "
+                f"it was killed, run: sqlite3 '{each}' 'PRAGMA wal_checkpoint'"
+            )
 
 
 def files_of(path: Path) -> list[Path]:
@@ -210,6 +248,7 @@ def opened(path: Path) -> Iterator[Bag]:
     for name, text in FOREIGN.items():
         store.register(get_types_from_msg(text, name))
     path.stat()
+    _refuse_unfinished(path)
     try:
         metadata = parts.about(path)
         reader: Any = (
@@ -221,7 +260,9 @@ def opened(path: Path) -> Iterator[Bag]:
     except OSError:
         raise
     except Exception as error:  # The library has error types of its own for each format.
-        raise Refused(f"cannot be read: {first_line(error)}") from error
+        advice = MAGICS.get(_magic(path) or b"")
+        helps = f"; if it was cut off: {advice}" if advice else ""
+        raise Refused(f"cannot be read: {first_line(error)}{helps}") from error
     try:
         yield Bag(path, reader)
     finally:
