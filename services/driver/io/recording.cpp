@@ -246,8 +246,10 @@ class RecordedClouds : public ScanFolder {
 
   void leave_out(const std::string& why, DecodedSweep& sweep) {
     if (!judged_) throw SourceError(frames_->path() + ": " + why);
+    // Only the first few are named individually: any number may follow, each with its own figure.
+    if (spoilt_ < kNamed) frames_->remark(why + ": the cloud is left out");
+    if (spoilt_ == kNamed) frames_->remark("further clouds are left out for such reasons");
     ++spoilt_;
-    frames_->remark(why + ": the cloud is left out");
     sweep.points.clear();
   }
 
@@ -268,6 +270,8 @@ class RecordedClouds : public ScanFolder {
       sweep.columns.push_back(static_cast<std::uint16_t>(begun + std::round(since)));
     }
   }
+
+  static constexpr std::uint64_t kNamed = 10;
 
   std::unique_ptr<Frames> frames_;
   std::vector<std::string> files_;
