@@ -14,6 +14,7 @@
 #include <charconv>
 #include <chrono>
 #include <cstring>
+#include <limits>
 #include <string_view>
 #include <thread>
 #include <utility>
@@ -25,7 +26,9 @@ namespace {
 
 constexpr std::string_view kTcp = "tcp://";
 constexpr int kConnectMs = 2000;
-constexpr std::size_t kReadBytes = 1 << 16;
+constexpr std::size_t kReadBytes = 1 << 15;
+// The bytes of one reading are published as one packet, whose length has 16 bits.
+static_assert(kReadBytes <= std::numeric_limits<std::uint16_t>::max());
 // Bits per second of a serial line, which USB devices ignore. At the rate at which RS-232 scanners
 // start, a line takes longer than a revolution.
 constexpr speed_t kRate = B115200;

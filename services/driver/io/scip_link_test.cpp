@@ -2,18 +2,24 @@
 
 #include "driver/io/scip_link.hpp"
 
+#include <arpa/inet.h>
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
 #include <poll.h>
+#include <sys/socket.h>
 #include <termios.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <chrono>
 #include <cstdlib>
+#include <limits>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "driver/io/scip_source.hpp"
 #include "driver/scip/test_device.hpp"
@@ -80,6 +86,40 @@ TEST(ScipSerialLine, NothingOfAnEarlierProgramsSettingsIsLeft) {
   EXPECT_EQ(now.c_cc[VMIN], 1);
   EXPECT_EQ(now.c_cc[VTIME], 0);
   EXPECT_EQ(cfgetispeed(&now), static_cast<speed_t>(B115200));
+}
+
+/// After a stall of the driver more bytes wait than the length of a published packet can tell.
+TEST(ScipTcp, NoReadingIsLongerThanAPacketCanBe) {
+  const int listening = socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in name{};
+  name.sin_family = AF_INET;
+  name.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof name;
+  ASSERT_EQ(bind(listening, reinterpret_cast<const sockaddr*>(&name), size), 0);
+  ASSERT_EQ(listen(listening, 1), 0);
+  ASSERT_EQ(getsockname(listening, reinterpret_cast<sockaddr*>(&name), &size), 0);
+  const auto link = open_scip_device("tcp://127.0.0.1:" + std::to_string(ntohs(name.sin_port)));
+  const int scanner = accept(listening, nullptr, nullptr);
+  ASSERT_GE(scanner, 0);
+  std::size_t longest = 0, left = 0;
+  // Kernels let the window grow with what is read.
+  for (int round = 0; round < 20; ++round) {
+    const std::vector<char> sent(4 << 20, 'x');
+    const ssize_t taken = send(scanner, sent.data(), sent.size(), MSG_DONTWAIT);
+    ASSERT_GT(taken, 0);
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    left += static_cast<std::size_t>(taken);
+    while (left > 0) {
+      std::vector<std::uint8_t> bytes;
+      std::int64_t received_ns = 0;
+      ASSERT_EQ(link->read(bytes, received_ns, 10'000), ScipLink::Read::kBytes);
+      longest = std::max(longest, bytes.size());
+      left -= bytes.size();
+    }
+  }
+  close(scanner);
+  close(listening);
+  EXPECT_LE(longest, std::numeric_limits<std::uint16_t>::max());
 }
 
 /// A scanner at RS-232: it hears 19200 bit/s alone, until it is told to change to 115200.
