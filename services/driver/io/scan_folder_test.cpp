@@ -59,6 +59,20 @@ TEST_F(Sources, ScanFoldersReadInOrderWithTheirTimes) {
   EXPECT_FALSE(synth->next(sweep));
 }
 
+/// They fit neither as nanoseconds nor as seconds into 64 bits.
+TEST_F(Sources, NumbersInNamesThatAreTooLargeForTimesAreNone) {
+  Bytes scan(16, 0);
+  scan[3] = 0x3F;  // x = 0.5
+  const std::vector<std::vector<std::string>> folders = {
+      {"9500000000000000001", "9700000000000000003"}, {"9300000001", "9999999990"}};
+  for (const std::vector<std::string>& names : folders) {
+    for (const std::string& name : names) write(names[0] + "/" + name + ".bin", scan);
+    const auto scans =
+        open_kitti((folder_ / names[0]).string(), {TimeModel::kDeskewed, 0.1, 180.0});
+    EXPECT_THAT(scans->remarks(), ElementsAre(HasSubstr("neither numbers of scans nor times")));
+  }
+}
+
 constexpr ScanTiming kTurning{TimeModel::kClockwise, 0.1, 180.0};
 
 using Floats = std::vector<float>;

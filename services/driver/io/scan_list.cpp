@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <cerrno>
+#include <charconv>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
@@ -154,9 +155,12 @@ std::optional<std::vector<std::int64_t>> times_in(const std::vector<Name>& names
   for (const Name& name : names) {
     std::string fraction = name.fraction.substr(0, digits_of_unit);
     fraction.resize(digits_of_unit, '0');
-    const std::string digits = name.whole + fraction;
-    if (digits.size() > kMostDigits + 1) return std::nullopt;
-    times_ns.push_back(digits.empty() ? 0 : std::stoll(digits));
+    // One digit more, as there may be no other.
+    const std::string digits = "0" + name.whole + fraction;
+    std::int64_t time_ns = 0;
+    const auto read = std::from_chars(digits.data(), digits.data() + digits.size(), time_ns);
+    if (read.ec != std::errc{}) return std::nullopt;
+    times_ns.push_back(time_ns);
   }
   return times_ns;
 }
