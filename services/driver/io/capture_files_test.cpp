@@ -5,7 +5,9 @@
 #include <algorithm>
 
 #include "driver/io/link_layer.hpp"
+#include "driver/io/metadata_file.hpp"
 #include "driver/io/test_sources.hpp"
+#include "driver/velodyne/test_calibration.hpp"
 
 namespace zloam::driver {
 namespace {
@@ -310,6 +312,19 @@ TEST_F(Sources, ErrorsNameTheFile) {
               HasSubstr("not a pcap"));
   EXPECT_THAT(error_of([&] { open_pcap(write("w.pcap", pcap_file(kMicroseconds, 147, {}))); }),
               HasSubstr("147"));
+}
+
+TEST_F(Sources, MetadataOfAWindowsShellAreReadOrTheirCodingIsNamed) {
+  const std::string yaml = "\xEF\xBB\xBF" + velodyne::test::calibration_yaml();
+  const std::string xml = "\xEF\xBB\xBF" + velodyne::test::calibration_xml();
+  for (const std::string& text : {yaml, xml}) {
+    DecodingOptions options;
+    read_metadata(write("unit", Bytes(text.begin(), text.end())), "", options);
+    EXPECT_EQ(options.metadata, text.substr(3));
+  }
+  DecodingOptions options;
+  const std::string path = write("os1.json", {0xFF, 0xFE, '{', 0});
+  EXPECT_THAT(error_of([&] { read_metadata(path, "", options); }), HasSubstr("is UTF-16"));
 }
 
 TEST_F(Sources, PayloadFilesReadEndToEndAndNameALeftOver) {

@@ -26,6 +26,16 @@ std::string beside(const std::string& capture) {
   return {};
 }
 
+/// The file as UTF-8 without the mark with which editors and shells of Windows begin it.
+std::string plain_text_of(const std::string& path) {
+  std::string text = text_of_metadata(path);
+  if (text.starts_with("\xFF\xFE") || text.starts_with("\xFE\xFF")) {
+    throw SourceError(path + ": is UTF-16; UTF-8 is expected");
+  }
+  if (text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);
+  return text;
+}
+
 }  // namespace
 
 std::string text_of_metadata(const std::string& path) {
@@ -46,7 +56,7 @@ void read_metadata(const std::string& named, const std::string& capture, Decodin
   const std::string path = named.empty() && !capture.empty() ? beside(capture) : named;
   if (path.empty()) return;
   try {
-    options.metadata = text_of_metadata(path);
+    options.metadata = plain_text_of(path);
   } catch (const SourceError&) {
     if (!named.empty()) throw;
     return;  // unreadable, but not named by the user: may not belong to the capture
