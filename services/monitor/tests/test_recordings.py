@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import random
 import shutil
 import sqlite3
 from pathlib import Path
@@ -17,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from zloam_monitor import cli, clouds, sources
 from zloam_monitor.failures import Misuse
+from zloam_monitor.mcap_file import McapFile
 from zloam_monitor.messages import MAP_POINT
 from zloam_monitor.recordings import Refused, bags, fields, folders, robot_log
 from zloam_monitor.records import RevisionRecord
@@ -274,3 +276,29 @@ def test_changes_of_other_runs_are_not_placed_by_their_sweeps(
         "0:mapping.a=2",
         "50:mapping.a=4",
     ]
+
+
+def test_of_a_recording_no_damaged_message_is_used(tmp_path: Path) -> None:
+    """A changed byte within random ones decompresses well; the chunk's checksum tells it."""
+    file = McapFile(tmp_path / "run.mcap", {"robot": "r"})
+    sent = [random.Random(n).randbytes(1_000_000) for n in range(12)]
+    for n, data in enumerate(sent):
+        file.put("loam/r/a", None, n, n, data)
+    file.close()
+    bytes_ = bytearray(file.path.read_bytes())
+    bytes_[len(bytes_) // 2] ^= 0x40
+    (damaged := tmp_path / "damaged.mcap").write_bytes(bytes_)
+    log = robot_log.RobotLog(damaged)
+    assert [m.payload for m in robot_log.RobotLog(file.path).messages()] == sent
+    read = [m.payload for m in log.messages()]
+    assert read[0] == sent[0]
+    assert read[-1] == sent[-1]
+    assert len(read) < len(sent)
+    assert set(read) < set(sent)
+    assert log.remarks == [
+        "damaged.mcap is damaged within (CRCValidationError): what is whole is used"
+    ]
+    log = robot_log.RobotLog(damaged)
+    found = [m.payload for m in log.found()]
+    assert sent[: len(found)] == found
+    assert ["what is whole before that is used" in remark for remark in log.remarks] == [True]

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from zloam_monitor import messages, records
 from zloam_monitor.mcap_file import further_parts, part_path
@@ -130,13 +130,12 @@ class RobotLog:
 
     def _linear(self, part: Path) -> Iterator[Logged]:
         from mcap.records import Channel, Message, Schema
-        from mcap.stream_reader import StreamReader
 
         names: dict[int, str] = {0: ""}
         channels: dict[int, tuple[str, str]] = {}
         with part.open("rb") as file:
             try:
-                for record in StreamReader(file).records:
+                for record in self._records(part, file):
                     if isinstance(record, Schema):
                         names[record.id] = record.name
                     elif isinstance(record, Channel):
@@ -147,11 +146,30 @@ class RobotLog:
             except Exception as error:  # The library raises various errors for damaged files.
                 self._damaged(part, error)
 
+    def _records(self, part: Path, file: BinaryIO) -> Iterator[Any]:
+        """All records; those of a chunk whose checksum is wrong are left out, with a remark."""
+        from mcap.records import Chunk
+        from mcap.stream_reader import StreamReader, breakup_chunk
+
+        for record in StreamReader(file, emit_chunks=True).records:
+            if not isinstance(record, Chunk):
+                yield record
+                continue
+            try:
+                inside = breakup_chunk(record, validate_crc=True)
+            except Exception as error:  # The library raises various errors for damaged files.
+                kind = type(error).__name__
+                self._remark(f"{part.name} is damaged within ({kind}): what is whole is used")
+                continue
+            yield from inside
+
     def _damaged(self, part: Path, error: Exception) -> None:
-        remark = (
+        self._remark(
             f"{part.name} is cut off or damaged ({type(error).__name__}): what is whole before "
             "that is used"
         )
+
+    def _remark(self, remark: str) -> None:
         if remark not in self.remarks:  # It may be read several times.
             self.remarks.append(remark)
 
@@ -175,7 +193,7 @@ class RobotLog:
         from mcap.reader import make_reader
 
         with part.open("rb") as file:
-            reader = make_reader(file)
+            reader = make_reader(file, validate_crcs=True)
             summary = reader.get_summary()
             names = {0: "", **{schema.id: schema.name for schema in summary.schemas.values()}}
             channels = summary.channels.values()
