@@ -77,6 +77,20 @@ def a_bag2(path: Path, count: int, plugin: StoragePlugin = StoragePlugin.SQLITE3
     return next(each for each in path.iterdir() if each.suffix in (".db3", ".mcap"))
 
 
+def test_a_topic_of_inertial_readings_without_any_is_not_chosen(tmp_path: Path) -> None:
+    """A driver may advertise raw readings that it never sends."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer(tmp_path / "drive.bag") as bag:
+        for topic, count in {"/imu/data": 2, "/imu/data_raw": 0}.items():
+            connection = bag.add_connection(topic, bags.IMU, typestore=store)
+            for n in range(count):
+                bag.write(connection, STAMP_NS + n, bytes(320))
+    with bags.opened(tmp_path / "drive.bag") as opened:
+        assert opened.choose_imu("") == "/imu/data"
+        with pytest.raises(Refused, match=r"no topic /imu/data_raw .*/imu/data_raw \(0 messages"):
+            opened.choose_imu("/imu/data_raw")
+
+
 def test_messages_in_sqlites_log_are_not_passed_over(tmp_path: Path) -> None:
     """As a recorder with the storage preset `resilient` leaves them that was killed."""
     file = a_bag2(tmp_path / "bag", 3)

@@ -162,13 +162,17 @@ class Bag:
 
     def choose_imu(self, name: str) -> str:
         """The IMU topic of this name, or the only one; raises Refused otherwise."""
-        there = sorted({str(c.topic) for c in self._reader.connections if c.msgtype == IMU})
-        meant = [t for t in there if name in ("", t)]
+        counts = Counter[str]()
+        for each in self._reader.connections:
+            if each.msgtype == IMU:
+                counts[str(each.topic)] += each.msgcount
+        meant = [t for t, count in sorted(counts.items()) if count and name in ("", t)]
         if len(meant) == 1:
             return meant[0]
         if not meant:
-            listed = ", ".join(there) or "none"
-            raise Refused(f"no topic {name or 'of inertial readings'} ({IMU}); there is {listed}")
+            listed = ", ".join(f"{t} ({n} messages)" for t, n in sorted(counts.items())) or "none"
+            asked = name or "of inertial readings"
+            raise Refused(f"no topic {asked} ({IMU}) with messages; there is {listed}")
         raise Refused(
             f"several topics of inertial readings: {', '.join(meant)}; say which by "
             f"driver.imu_topic={meant[0]}"
