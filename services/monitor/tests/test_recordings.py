@@ -128,6 +128,13 @@ def test_of_a_folder_without_metadata_a_file_is_named(
         assert len(list(bag.messages(bag.topics[0]))) == 3
 
 
+def test_signs_in_a_path_that_the_library_can_not_open_are_named(tmp_path: Path) -> None:
+    a_bag2(tmp_path / "bag", 3).parent.rename(folder := tmp_path / "run#2")
+    for path in (folder, folder / "bag.db3"):
+        with pytest.raises(Refused, match=r"run#2.*path with \?, # or % in it: rename"):
+            bags.opened(path).__enter__()
+
+
 def test_of_a_file_that_was_cut_off_it_is_said_what_helps(tmp_path: Path) -> None:
     whole = a_bag2(tmp_path / "bag", 20, StoragePlugin.MCAP).read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[:-100])

@@ -128,6 +128,14 @@ def identity(path: Path) -> str:
     return known.hexdigest()
 
 
+def _advice(path: Path, error: str) -> str:
+    """What helps against an error of the library."""
+    if "unable to open database file" in error and any(sign in error for sign in "?#%"):
+        return "; the library can't open a path with ?, # or % in it: rename folder or file"
+    advice = MAGICS.get(_magic(path) or b"")
+    return f"; if it was cut off: {advice}" if advice else ""
+
+
 class Bag:
     """A bag, which is open within the context of opened()."""
 
@@ -264,9 +272,7 @@ def opened(path: Path) -> Iterator[Bag]:
     except OSError:
         raise
     except Exception as error:  # The library has error types of its own for each format.
-        advice = MAGICS.get(_magic(path) or b"")
-        helps = f"; if it was cut off: {advice}" if advice else ""
-        raise Refused(f"cannot be read: {first_line(error)}{helps}") from error
+        raise Refused(f"cannot be read: {first_line(error)}{_advice(path, str(error))}") from error
     try:
         yield Bag(path, reader)
     finally:
