@@ -171,3 +171,15 @@ def test_sweeps_that_are_too_long_are_refused(tmp_path: Path) -> None:
         assert "a cloud every 5 s" in texts(streamed(folder, timing), stream.REFUSAL)
     # With times of the points, a gap between the clouds does not matter.
     assert len(streamed(stamped)[stream.SWEEP]) == 3
+
+
+def test_clouds_of_a_sensor_that_starts_up_are_left_out() -> None:
+    scans = made.scans(45)
+    points = [made.table(scan)[: 0 if n < 25 else None] for n, scan in enumerate(scans)]
+    stamps_ns = [scan.stamp_ns for scan in scans]
+    sweeps, remarks = read(points, stamps_ns)
+    assert remarks == ["the first 20 clouds left out, as they have no return"]
+    assert [sweep.stamp_ns for sweep in sweeps] == stamps_ns[20:]
+    assert [len(sweep.points) for sweep in sweeps] == [0] * 5 + [made.POINTS] * 20
+    with pytest.raises(Refused, match="there is no return in its clouds"):
+        read(points[:25], stamps_ns[:25])

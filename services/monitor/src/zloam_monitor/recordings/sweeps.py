@@ -104,12 +104,18 @@ class Sweeper:
     #: Returns left out, as their times are not finite; clouds left out, as they came twice or late.
     untimed: int = 0
     late: int = 0
+    #: Clouds left out, as the sensor had not given a return yet.
+    before: int = 0
 
     def sweeps(self, messages: Iterable[Any], live: bool = False) -> Iterator[Sweep]:
         """One sweep per message, in their order. Live: each as soon as its cloud comes, without the
         first clouds, which are old when the inference is done."""
         clouds = (self._cloud(m) for m in messages)
         first = list(islice(clouds, JUDGED))
+        # A sensor that starts up may publish clouds before it measures.
+        while first and not any(len(cloud) for cloud in first):
+            self.before += len(first)
+            first = list(islice(clouds, JUDGED))
         self._settle(_ascending_stamps(first))
         if live:
             return self._measured_before(self._ascending(clouds))
@@ -124,6 +130,8 @@ class Sweeper:
         if self.untimed and self.names:
             times = f"times (field {self.names.time})"
             said.append(f"{self.untimed} returns left out, as their {times} are not finite")
+        if self.before:
+            said.append(f"the first {self.before} clouds left out, as they have no return")
         if self.late:
             said.append(f"{self.late} clouds left out, as they came twice or late by their times")
         return said
@@ -163,7 +171,7 @@ class Sweeper:
         if not full or self.names is None:
             if self.untimed and self.names:
                 raise Refused(f"field {self.names.time}: no time of the first clouds is finite")
-            raise Refused("there is no return in the first clouds")
+            raise Refused("there is no return in its clouds")
         self.lasers = rings.settle(full)
         self.said.append(str(self.lasers) if self.lasers else NO_RINGS)
         self.period_ns = times.middle_step_ns(first) or int(1e9 * self.timing.period_s)
