@@ -120,8 +120,8 @@ void IntegrationStage::new_run(const msg::Header& first) {
 void IntegrationStage::keep_unwritten(const std::string& error) {
   if (error.empty()) return;
   const std::string kept = journal_.keep_unwritten();
-  const std::string poses = journal_.is_behind() ? "its first poses, for which there was room,"
-                                                 : "its poses";
+  const std::string poses =
+      journal_.is_behind() ? "its first poses, for which there was room," : "its poses";
   stage_.lost_output(kept.empty() ? error
                                   : error + "; " + poses + " are kept in " + kept +
                                         ": make room, stop integration and rename it to "
