@@ -310,6 +310,23 @@ def test_the_map_from_before_it_is_recorded(session: FakeSession, tmp_path: Path
     assert made.lacks() == []
 
 
+def test_a_tile_for_which_there_was_no_room_is_asked_for_again(
+    session: FakeSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is no message that was dropped, too, and would be missing twice."""
+    monkeypatch.setattr(intake, "MOST_WAIT_S", 0.0)
+    monkeypatch.setattr(recorder, "MOST_WAITING_BYTES", 1)
+    made = recording(session, tmp_path / "run.mcap")
+    for i in range(2):
+        hold(session, i, [[a_tile(i, 2, 5)]])
+    made.settle()
+    until_asked(made)  # The first one alone has room.
+    made.close()
+    assert session.selectors.count(session.keys.tile("plane", (1, 0, 0))) == 2
+    (lack,) = made.lacks()
+    assert "1 tiles that the map had before are missing in" in lack
+
+
 def test_the_path_from_before_it_is_recorded(session: FakeSession, tmp_path: Path) -> None:
     rows = np.zeros(3, messages.STAMPED_POSE)
     rows["sweep"], rows["pose"]["rotation"]["w"] = range(3), 1.0

@@ -105,15 +105,16 @@ class Intake:
                 self._replayed_s = time.monotonic()
             self._append(sample)
 
-    def add_answer(self, key: str, payload: bytes) -> None:
+    def add_answer(self, key: str, payload: bytes) -> bool:
         """Adds an answer that was not published, for a thread that may wait for room. Its number
-        is none of those that come here, so that it shows no gap between them."""
+        is none of those that come here, so that it shows no gap between them. False: there was no
+        room, and the thread may ask again."""
         sample = Sample(key, payload, self.clock.now_ns(), answered=True)
         with self._changed:
-            if self._waited_for_room(sample, waits=True):
-                self._append(sample)
-            else:
-                self._drop(sample)
+            if not self._waited_for_room(sample, waits=True):
+                return False
+            self._append(sample)
+            return True
 
     def _append(self, sample: Sample) -> None:
         self._waiting.append(sample)

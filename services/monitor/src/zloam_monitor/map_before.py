@@ -26,7 +26,8 @@ CLOSE_SECONDS = 5.0
 class MapBefore:
     """Hands the tiles over as answers; all methods but the thread's are of the recorder."""
 
-    def __init__(self, link: Link, hand_over: Callable[[str, bytes], None]) -> None:
+    def __init__(self, link: Link, hand_over: Callable[[str, bytes], bool]) -> None:
+        """`hand_over` takes an answer; false: it has no room for it now."""
         #: For queries: a link may be used by one thread only.
         self._link = Link(link.session, link.keys, newest=0)
         self._hand_over = hand_over
@@ -51,8 +52,7 @@ class MapBefore:
                 key = self._link.keys.tile(tile.layer, tile.index)
                 self._had[key] = tile.map_id
                 if len(tile.points):  # Of a mapping without heads, as A-LOAM's.
-                    self._come.add(key)
-                    self._hand_over(key, payload)
+                    self._give(key, payload)
         self._unknown = max(0, told - len(self._had))
         self._thread.start()
 
@@ -106,5 +106,8 @@ class MapBefore:
         found = [each for each in self._answers(key) if each[1].map_id == self._had[key]]
         if found:
             payload, _ = max(found, key=lambda each: each[1].version)
+            self._give(key, payload)
+
+    def _give(self, key: str, payload: bytes) -> None:
+        if self._hand_over(key, payload):
             self._come.add(key)
-            self._hand_over(key, payload)
