@@ -8,6 +8,7 @@ import re
 import resource
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -307,6 +308,48 @@ def test_the_map_from_before_it_is_recorded(session: FakeSession, tmp_path: Path
     made.close()
     path = made.parts[0]
     assert tiles_in(path) == [(0, 2, 7), (1, 2, 7), (7, 5000, 7), (7, 5001, 7)]
+    assert made.lacks() == []
+
+
+def test_of_several_answers_the_newest_map_is_recorded(
+    session: FakeSession, tmp_path: Path
+) -> None:
+    """A store has older versions and the map before, and may answer first or last; a mapping
+    without heads answers with whole tiles. All tiles of a recording are of one map."""
+    made = recording(session, tmp_path / "run.mcap")
+    older = [a_tile(0, 1, 4), a_tile(0, 9, 4, map_id=6)]
+    whole = [*older, a_tile(0, 2, 5), *older]
+    for i, answers in enumerate((whole, [a_tile(1, 3, 4, map_id=6)])):
+        key = session.keys.tile("plane", (i, 0, 0))
+        session.heads[key], session.rounds[key] = answers, [answers]
+    key = hold(session, 2, [[a_tile(2, 1, 4)]])  # Mapping's own answer was dropped.
+    session.heads[key].append(a_tile(2, 1, 4))
+    made.settle()
+    until_asked(made)
+    assert tiles_in_order(made) == [(0, 2, 7)]
+    (lack,) = made.lacks()
+    assert lack.startswith("1 tiles that the map had before are missing in")
+
+
+def test_heads_that_were_dropped_are_asked_for_again(
+    session: FakeSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = recording(session, tmp_path / "run.mcap")
+    status = compose.status("mapping", 1, 1, 1, [], {}, figures={"map_tiles": 2.0})
+    session.rounds[session.keys.below("service/mapping/mapping-1/status")] = [[status]]
+    hold(session, 0, [[a_tile(0, 2, 5)]])
+    get = session.get
+
+    def then_the_other(selector: str, handler: Any = None, **more: Any) -> list[Any]:
+        answers = get(selector, handler, **more)
+        if selector.endswith("/plane/**?heads"):
+            hold(session, 1, [[a_tile(1, 2, 5)]])
+        return answers
+
+    monkeypatch.setattr(session, "get", then_the_other)
+    made.settle()
+    until_asked(made)
+    assert tiles_in_order(made) == [(0, 2, 7), (1, 2, 7)]
     assert made.lacks() == []
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections.abc import Callable, Iterable
 
 import zenoh
@@ -31,8 +32,11 @@ class MapBefore:
         #: For queries: a link may be used by one thread only.
         self._link = Link(link.session, link.keys, newest=0)
         self._hand_over = hand_over
-        #: Key -> map of each tile that the map had.
+        #: The newest map, and key -> version of each tile that it had.
+        self._newest = -1
         self._had: dict[str, int] = {}
+        #: Tiles that came whole: of a mapping without heads, as A-LOAM's.
+        self._whole: dict[str, bytes] = {}
         #: Number of tiles of which not even that is known.
         self._unknown = 0
         #: Keys of the tiles that were handed over.
@@ -45,16 +49,32 @@ class MapBefore:
 
     def begin(self) -> None:
         """Asks which tiles there are, and begins to get them."""
-        told = tiles_told(self._link)
-        for layer in POINT_LAYERS:
-            selector = f"{self._link.keys.tiles_of(layer)}?{HEADS}"
-            for payload, tile in self._answers(selector):
-                key = self._link.keys.tile(tile.layer, tile.index)
-                self._had[key] = tile.map_id
-                if len(tile.points):  # Of a mapping without heads, as A-LOAM's.
-                    self._give(key, payload)
+        told, before = tiles_told(self._link), -1
+        ends_s = time.monotonic() + TILES_SECONDS
+        # Heads may be dropped on the way, too.
+        while before < len(self._had) and time.monotonic() < ends_s:
+            before = len(self._had)
+            for layer in POINT_LAYERS:
+                for payload, tile in self._answers(f"{self._link.keys.tiles_of(layer)}?{HEADS}"):
+                    self._note(payload, tile)
+            if len(self._had) >= told:
+                break
         self._unknown = max(0, told - len(self._had))
         self._thread.start()
+
+    def _note(self, payload: bytes, tile: Tile) -> None:
+        """A store may answer, too, with older versions and the map before."""
+        if tile.map_id > self._newest:
+            self._newest = tile.map_id
+            self._had.clear()
+            self._whole.clear()
+        key = self._link.keys.tile(tile.layer, tile.index)
+        if tile.map_id < self._newest or tile.version < self._had.get(key, -1):
+            return
+        self._had[key] = tile.version
+        self._whole.pop(key, None)
+        if len(tile.points):
+            self._whole[key] = payload
 
     def close(self) -> None:
         self._ends.set()
@@ -77,7 +97,7 @@ class MapBefore:
     def takes(self, sample: Sample) -> bool:
         """Whether an answer belongs into the recording: not after a newer version of the tile, nor
         after a tile of another map, which a view would end by it."""
-        if sample.key in self._there or self._map_id not in (None, self._had[sample.key]):
+        if sample.key in self._there or self._map_id not in (None, self._newest):
             return False
         self._there.add(sample.key)
         return True
@@ -89,6 +109,8 @@ class MapBefore:
 
     def _ask(self) -> None:
         """Asks again for what was dropped, as long as that brings something."""
+        while self._whole and not self._ends.is_set():
+            self._give(*self._whole.popitem())
         with contextlib.suppress(zenoh.ZError):  # The session may be closed already.
             missing, before = self._missing(), len(self._had) + 1
             while 0 < len(missing) < before and not self._ends.is_set():
@@ -102,11 +124,13 @@ class MapBefore:
         return [key for key in self._had if key not in self._come and key not in self._there]
 
     def _get(self, key: str) -> None:
-        # A store may still have an older version, or one of another map.
-        found = [each for each in self._answers(key) if each[1].map_id == self._had[key]]
+        found = [
+            (tile.version, payload)
+            for payload, tile in self._answers(key)
+            if tile.map_id == self._newest and tile.version >= self._had[key]
+        ]
         if found:
-            payload, _ = max(found, key=lambda each: each[1].version)
-            self._give(key, payload)
+            self._give(key, max(found)[1])
 
     def _give(self, key: str, payload: bytes) -> None:
         if self._hand_over(key, payload):
