@@ -403,11 +403,46 @@ def test_a_tile_from_before_is_not_written_after_a_newer_one(
     made.settle()
     until_asked(made)
     assert tiles_in_order(made) == [(0, 1, 8)]
+    assert made.lacks() == []
+
+
+def test_a_map_that_was_reset_lacks_nothing_and_is_not_asked_for(
+    session: FakeSession, tmp_path: Path
+) -> None:
+    """Else `zloam record` and then `zloam reset` would end with 1. The map has a greater number
+    than the one before."""
+    made = recording(session, tmp_path / "run.mcap")
+    key = hold(session, 0, [[]])
+    session.publish(key, a_tile(0, 5, 4, map_id=6))  # Just before the map that is there now.
+    hold(session, 1, [[a_tile(1, 2, 5)]])
+    made.settle()
+    until_asked(made)
+    made.poll()
+    assert made._map.lacking() == 1
+    session.publish(session.keys.tile("plane", (2, 0, 0)), a_tile(2, 1, 5, map_id=8))
+    made.poll()
+    session.selectors.clear()
+    made._map._ask()
+    assert key not in session.selectors
+    assert tiles_in_order(made) == [(0, 5, 6), (1, 2, 7), (2, 1, 8)]
+    assert made.lacks() == []
 
 
 def tiles_in_order(made: Recorder) -> list[tuple[int, int, int]]:
     made.close()
     return tiles_in(made.parts[0])
+
+
+def test_a_map_of_which_nothing_is_known_is_not_taken_for_another(
+    session: FakeSession, tmp_path: Path
+) -> None:
+    made = recording(session, tmp_path / "run.mcap")
+    status = compose.status("mapping", 1, 1, 1, [], {}, figures={"map_tiles": 3.0})
+    session.rounds[session.keys.below("service/mapping/mapping-1/status")] = [[status]]
+    made.settle()
+    session.publish(session.keys.tile("plane", (0, 0, 0)), a_tile(0, 3, 6))
+    made.close()
+    assert made.lacks()[0].startswith("3 tiles that the map had before")
 
 
 def test_a_map_from_before_that_did_not_come_is_told(

@@ -41,9 +41,10 @@ class MapBefore:
         self._unknown = 0
         #: Keys of the tiles that were handed over.
         self._come: set[str] = set()
-        #: Keys of the tiles that are in the recording, and the map of the newest published one.
+        #: Keys of the tiles that are in the recording.
         self._there: set[str] = set()
-        self._map_id: int | None = None
+        #: Another map has begun, as after `zloam reset`.
+        self._is_over = False
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._ask, daemon=True)
 
@@ -82,22 +83,28 @@ class MapBefore:
             self._thread.join(CLOSE_SECONDS)
 
     def lacking(self) -> int:
-        """Number of tiles that have not come."""
+        """Number of tiles that have not come; none of a map that is over, which no view shows any
+        more."""
+        if self._is_over:
+            return 0
         return self._unknown + len(self._had.keys() - self._there)
 
     def published(self, sample: Sample) -> None:
         """A tile was published: it is at least as new as an answer that comes later."""
-        if len(self._there) == len(self._had):
-            return  # No answer comes any more.
+        if not self.lacking():
+            return  # No answer comes any more, or none is taken.
         with contextlib.suppress(*messages.DECODE_ERRORS):
-            self._map_id = records.tile(sample.payload).map_id
-            if sample.key in self._had:
+            map_id = records.tile(sample.payload).map_id
+            if map_id > self._newest >= 0:
+                self._is_over = True
+                self._ends.set()
+            elif map_id == self._newest and sample.key in self._had:
                 self._there.add(sample.key)
 
     def takes(self, sample: Sample) -> bool:
         """Whether an answer belongs into the recording: not after a newer version of the tile, nor
         after a tile of another map, which a view would end by it."""
-        if sample.key in self._there or self._map_id not in (None, self._newest):
+        if sample.key in self._there or self._is_over:
             return False
         self._there.add(sample.key)
         return True
