@@ -82,6 +82,9 @@ class MapBefore:
         if self._thread.is_alive():
             self._thread.join(CLOSE_SECONDS)
 
+    def asks(self) -> bool:
+        return self._thread.is_alive()
+
     def lacking(self) -> int:
         """Number of tiles that have not come; none of a map that is over, which no view shows any
         more."""

@@ -198,6 +198,10 @@ class Recorder:
         """True if nothing waits, and no message of a replay came in the last `seconds`."""
         return self._intake.has_all(seconds)
 
+    def asks(self) -> bool:
+        """True while tiles of the map from before are asked for."""
+        return self._map.asks()
+
     def _lacking(self) -> list[str]:
         """Keys of configurations that are not in the file yet."""
         return sorted(self._present - {key for key, _ in self._standing})
@@ -277,6 +281,7 @@ class Recorder:
     def give_up(self) -> None:
         """Receives nothing more, so that no publisher waits for this recorder."""
         self._intake.close()
+        self._map.close()
 
     def close(self) -> None:
         """Writes the waiting messages and the counts of those dropped, and closes the file; does

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from zloam_monitor.link import Link
+from zloam_monitor.link import TILES_SECONDS, Link
 from zloam_monitor.mcap_file import RecordingError
 from zloam_monitor.recorder import Options, Recorder
 
@@ -40,8 +40,13 @@ class RunRecording:
 
     def catch_up(self) -> None:
         """Waits until all that has come is written: while messages wait here, further ones of a
-        replay wait at their publishers, and would be lost with them."""
-        while self._thread.is_alive() and not self._recorder.has_all(0.2):
+        replay wait at their publishers, and would be lost with them. Waits for the map from before
+        the run, too, as mapping ends next, but not for ever: mapping may hang."""
+        ends_s = time.monotonic() + TILES_SECONDS
+        while self._thread.is_alive():
+            has_map = not self._recorder.asks() or time.monotonic() > ends_s
+            if has_map and self._recorder.has_all(0.2):
+                return
             time.sleep(0.05)
 
     def end(self) -> list[str]:
