@@ -135,6 +135,14 @@ def test_a_file_that_can_not_be_written_is_told(tmp_path: Path, name: str, why: 
     assert (tmp_path / "old.rrd").read_text() == "precious"
 
 
+def test_a_file_that_another_program_has_just_created_stays(tmp_path: Path) -> None:
+    path = tmp_path / "new.rrd"
+    path.write_text("precious")
+    with pytest.raises(FileExistsError):
+        rerun_view._try_room(path)
+    assert path.read_text() == "precious"
+
+
 def test_a_new_file_is_written(tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     path = tmp_path / "folder" / "new.rrd"

@@ -135,11 +135,11 @@ class Viewer:
 def _try_room(path: Path) -> None:
     """Raises OSError, and leaves no file, if the disk has no room for the beginning of a recording:
     Rerun then waits for ever for the layout to be written."""
-    try:
-        with path.open("xb") as file:
+    with path.open("xb") as file:
+        try:
             os.posix_fallocate(file.fileno(), 0, BEGINNING_BYTES)
-    finally:
-        path.unlink(missing_ok=True)
+        finally:
+            path.unlink(missing_ok=True)
 
 
 def _saved(recording: Any, path: Path, plan: Any) -> None:
