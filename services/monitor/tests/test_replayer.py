@@ -297,7 +297,8 @@ def test_the_path_is_answered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_the_path_from_before_the_recording_is_answered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The recorder asked for it after its first messages had come, which it contains."""
+    """The recorder asked for it after its first messages had come, which it contains. Others came
+    before its answer, too, and are later."""
     ghost = Ghost(tmp_path, monkeypatch)
     before = np.zeros(6, messages.STAMPED_POSE)
     before["sweep"] = range(6)
@@ -305,13 +306,13 @@ def test_the_path_from_before_the_recording_is_answered(
     pose, whole = "zloam.msg.MapPose", "zloam.msg.Path"
     for topic, schema, payload in (
         ("map/odometry", pose, mapped(1, 4, 7)),
-        ("path/map", whole, path),
-        ("map/odometry", pose, mapped(1, 5, 7)),
         ("map/odometry", pose, mapped(1, 6, 7)),
+        ("path/map", whole, path),
+        ("map/odometry", pose, mapped(1, 7, 7)),
     ):
         ghost.stand.put(Logged(f"loam/r/{topic}", schema, 10, payload))
     ((_, said),) = ghost.asked(ghost.stand.keys.path_map)
-    assert records.path(said)[1]["sweep"].tolist() == list(range(7))
+    assert records.path(said)[1]["sweep"].tolist() == list(range(8))
     assert set(ghost.published) == {ghost.stand.keys.map_odometry}
 
 

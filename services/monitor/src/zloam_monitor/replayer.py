@@ -68,13 +68,18 @@ class _Path:
         self._add(pose.run, pose.map_id, row)
 
     def begin(self, payload: bytes) -> None:
-        """The path from before the recording. It may be logged after poses that it contains."""
+        """The path from before the recording. It may be logged after poses that it contains, and
+        after later ones, which were mapped while it was on its way."""
         run, rows = records.path(payload)
         header = messages.header_of(payload)
         of = run, 0 if header is None else header.MapId()
-        if len(rows) and of == self._of:
-            self._rows, self._last = bytearray(), -1
+        if of != self._of:
+            self._add(*of, rows)
+            return
+        there = self._poses()
+        self._rows, self._last = bytearray(), -1
         self._add(*of, rows)
+        self._add(*of, there)
 
     def _add(self, run: int, map_id: int, rows: NDArray[Any]) -> None:
         if (run, map_id) != self._of:
@@ -84,10 +89,12 @@ class _Path:
             self._rows += new.tobytes()
             self._last = int(new["sweep"][-1])
 
+    def _poses(self) -> NDArray[Any]:
+        return np.frombuffer(bytes(self._rows), messages.STAMPED_POSE)
+
     def message(self) -> bytes:
         run, map_id = self._of
-        rows = np.frombuffer(bytes(self._rows), messages.STAMPED_POSE)
-        return compose.path(compose.HeaderValues(run, 0, 0, map_id=map_id), rows)
+        return compose.path(compose.HeaderValues(run, 0, 0, map_id=map_id), self._poses())
 
 
 class Stand:
