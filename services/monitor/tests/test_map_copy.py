@@ -106,6 +106,19 @@ def test_all_heads_that_were_dropped_are_no_empty_map(session: FakeSession) -> N
     assert copy.lacking == 4
 
 
+def test_what_an_ended_mapping_said_of_its_map_does_not_lack(session: FakeSession) -> None:
+    """A router keeps its status, whose stamp may be greater: the robot's clock was set back."""
+    hold(session, 0, version=1, points=5)
+    tell_tiles(session, 1)
+    ended = compose.status(
+        "mapping", 9, 1, 1, [], {}, figures={"map_tiles": 50.0}, instance="mapping-0"
+    )
+    session.rounds[session.keys.below("service/mapping/mapping-0/status")] = [[ended]]
+    copy = copy_of(session)
+    assert sizes(copy) == {0: 5}
+    assert copy.lacking == 0
+
+
 def test_the_map_before_is_not_taken_for_that_of_a_living_mapping(session: FakeSession) -> None:
     """A store answers with it, too, and sooner than mapping, all of whose heads were dropped."""
     for i, (map_id, points) in enumerate(((6, 4), (6, 4), (7, 5))):
@@ -145,7 +158,9 @@ def test_a_view_that_starts_asks_again_for_what_was_dropped(
 
 
 @pytest.mark.parametrize(
-    ("last_sweep", "poses", "told"), [(1, None, True), (None, None, False), (1, 2, False)]
+    ("last_sweep", "poses", "told"),
+    [(1, None, True), (None, None, False), (1, 2, False), (1, 0, False)],
+    ids=["dropped", "nothing mapped", "there", "after a reset"],
 )
 def test_a_path_that_did_not_come_is_told(
     session: FakeSession,

@@ -335,7 +335,7 @@ def test_heads_that_were_dropped_are_asked_for_again(
     session: FakeSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = recording(session, tmp_path / "run.mcap")
-    status = compose.status("mapping", 1, 1, 1, [], {}, figures={"map_tiles": 2.0})
+    status = compose.status("mapping", 1, 1, None, [], {}, figures={"map_tiles": 2.0})
     session.rounds[session.keys.below("service/mapping/mapping-1/status")] = [[status]]
     hold(session, 0, [[a_tile(0, 2, 5)]])
     get = session.get
@@ -384,6 +384,22 @@ def test_the_path_from_before_it_is_recorded(session: FakeSession, tmp_path: Pat
     assert found["loam/robot/path/map"] == path
     shown = importlib.import_module("foxglove_schemas_flatbuffer.PosesInFrame").PosesInFrame
     assert shown.GetRootAs(found["/path"]).PosesLength() == 4
+
+
+@pytest.mark.parametrize("poses", [None, 0], ids=["none", "after a reset"])
+def test_a_path_that_did_not_come_is_told(
+    session: FakeSession, tmp_path: Path, poses: int | None
+) -> None:
+    if poses is not None:
+        path = compose.path(compose.HeaderValues(1, 2, 0), np.zeros(poses, messages.STAMPED_POSE))
+        session.rounds[session.keys.path_map] = [[path]]
+    status = compose.status("mapping", 1, 1, 4, [], {})
+    session.rounds[session.keys.below("service/mapping/mapping-1/status")] = [[status]]
+    made = recording(session, tmp_path / "run.mcap")
+    made.settle()
+    made.close()
+    said = ["the path so far is missing in" in each for each in made.lacks()]
+    assert said == ([True] if poses is None else [])
 
 
 def test_a_tile_from_before_is_not_written_after_a_newer_one(

@@ -25,7 +25,7 @@ from zloam_monitor.clouds import POINT_LAYERS, Tile
 from zloam_monitor.failures import Explained
 from zloam_monitor.kept_poses import KeptPoses
 from zloam_monitor.keys import Keys
-from zloam_monitor.messages import DECODE_ERRORS, STAMPED_POSE
+from zloam_monitor.messages import DECODE_ERRORS
 from zloam_monitor.preview_map import PreviewMap
 from zloam_monitor.records import PoseRecord, ReplyRecord, RevisionRecord, StatusRecord
 from zloam_monitor.stages import STAGES
@@ -36,6 +36,8 @@ from zloam_monitor.trajectory import Trajectory, from_records
 QUERY_SECONDS = 5.0
 #: For all answers of tiles to one query.
 TILES_SECONDS = 20.0
+#: For the answer with the path of a long run.
+PATH_SECONDS = 20.0
 #: Time that a new link needs to come up; after that, an instance answers at once ...
 PATIENCE_SECONDS = 2.0
 #: ... unless its host is busy: an instance with a liveliness token is asked again for this long.
@@ -458,10 +460,10 @@ class Link:
         """Odometry poses T_odom_base that were received."""
         return _heard(self.odometry)
 
-    def query_path(self) -> tuple[int, NDArray[Any]]:
-        """(run, messages.STAMPED_POSE) of all mapped sweeps, by a query to mapping."""
-        answers = self.get(self.keys.path_map, seconds=20.0)
-        return next(self._decoded(records.path, answers), (0, np.empty(0, STAMPED_POSE)))
+    def query_path(self) -> tuple[int, NDArray[Any]] | None:
+        """(run, messages.STAMPED_POSE) of all mapped sweeps, by a query to mapping; None: no
+        answer came."""
+        return next(self._decoded(records.path, self.get(self.keys.path_map, PATH_SECONDS)), None)
 
 
 def _without_errors(pose: PoseRecord) -> PoseRecord:

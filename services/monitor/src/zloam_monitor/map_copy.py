@@ -17,7 +17,8 @@ from typing import Any, Protocol
 from numpy.typing import NDArray
 
 from zloam_monitor.clouds import POINT_LAYERS, Tile
-from zloam_monitor.link import Link
+from zloam_monitor.link import STANDING_BY, Link
+from zloam_monitor.records import StatusRecord
 
 #: Parameter of the query for tiles without their points.
 HEADS = "heads"
@@ -32,14 +33,30 @@ def lacks(tiles: int) -> str:
     return f"{tiles} tiles of the map did not come in time; each is shown when it changes"
 
 
+def _mapping(link: Link) -> StatusRecord | None:
+    """The present status of a living mapping; a router keeps those of ended ones, too."""
+    living = link.living_instances()
+    if not any(stage == "mapping" for stage, _ in living):
+        return None
+    found = [
+        status
+        for status in link.answering()
+        if status.stage == "mapping" and (status.stage, status.instance) in living
+    ]
+    return max(found, key=lambda s: (s.reason != STANDING_BY, s.stamp_ns), default=None)
+
+
 def tiles_told(link: Link) -> int:
     """The number of tiles that the map has at least, by mapping's status; 0: it does not say, or
     does not live."""
-    if "mapping" not in link.living():
-        return 0
-    link.query_statuses()
-    status = link.stage("mapping")
+    status = _mapping(link)
     return 0 if status is None else int(status.figures.get("map_tiles", 0.0))
+
+
+def has_path(link: Link) -> bool:
+    """Whether mapping has mapped, so that it answers with a path."""
+    status = _mapping(link)
+    return status is not None and status.last_sweep is not None
 
 
 class Scene(Protocol):
@@ -54,13 +71,14 @@ class Scene(Protocol):
 
 def show_past(link: Link, scene: Scene) -> None:
     """Shows path and map from before a view's start, and prints what it lacks of them."""
-    run, poses = link.query_path()
-    scene.keep_path(run, poses)
+    path = link.query_path()
+    if path is not None:
+        scene.keep_path(*path)
     copy = MapCopy(link)
     for tile in copy.gather(START_S):
         scene.keep(tile)
-    mapping = link.stage("mapping")
-    if not len(poses) and mapping is not None and mapping.last_sweep is not None:
+    # After `zloam reset` it comes, but has no poses.
+    if path is None and has_path(link):
         print("the path so far did not come: it begins here", flush=True)
     if said := lacks(copy.lacking):
         print(said, flush=True)

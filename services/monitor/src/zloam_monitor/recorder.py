@@ -22,8 +22,9 @@ from zloam_monitor import ending, messages, records, se3, terminal
 from zloam_monitor.foxglove_scene import Scene
 from zloam_monitor.intake import MIB, Intake, Sample
 from zloam_monitor.keys import TILES, topic_of
-from zloam_monitor.link import Link
+from zloam_monitor.link import PATH_SECONDS, Link
 from zloam_monitor.map_before import MapBefore
+from zloam_monitor.map_copy import has_path
 from zloam_monitor.mcap_file import (
     McapFile,
     RecordingError,
@@ -94,6 +95,7 @@ class Recorder:
         self._raw_clouds = options.everything
         self._intake = Intake(self.link.session, wanted, MOST_WAITING_BYTES, leave_out="newest")
         self._map = MapBefore(self.link, self._intake.add_answer)
+        self._lacks_path = False
         self._scene: Scene | None = None
         #: Messages that are repeated in each file, so that it can be understood without the others.
         self._standing: dict[tuple[str, bytes], Sample] = {}
@@ -127,14 +129,17 @@ class Recorder:
         self._map.begin()
 
     def _past_path(self) -> None:
-        for payload in self.link.get(self.link.keys.path_map):
+        came = False
+        for payload in self.link.get(self.link.keys.path_map, PATH_SECONDS):
             with contextlib.suppress(*messages.DECODE_ERRORS):
                 run, poses = records.path(payload)
+                came = True
                 if not len(poses):
                     continue
                 self._put(Sample(self.link.keys.path_map, payload, self._intake.clock.now_ns()))
                 if self._scene is not None:
                     self._scene.keep_path(run, poses)
+        self._lacks_path = not came and has_path(self.link)
 
     def _stood(self, selector: str) -> list[bytes]:
         """Asks, writes each answer that is not in the file yet, and returns all answers."""
@@ -322,6 +327,8 @@ class Recorder:
                 f"{tiles} tiles that the map had before are missing in {self.parts[0]}: they did "
                 "not come before its end"
             )
+        if self._lacks_path:
+            found.append(f"the path so far is missing in {self.parts[0]}: no answer came")
         if lacking := self._lacking():
             of = ", ".join("/".join(key.split("/")[-3:-1]) for key in lacking)
             found.append(f"the configuration of {of} is missing in {self.parts[0]}: no answer came")
