@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -58,7 +59,10 @@ def known(link: Link) -> list[LoopRecord]:
     """Loops that are or were in force, or wait for another one, in the order of their sweeps."""
     if "graph" not in link.living():
         raise ChainError("loop list: no graph answers; start the robot with --graph (GRAPH=1)")
-    found = [_record(payload) for payload in link.get(link.keys.graph_loop)]
+    found = []
+    for payload in link.get(link.keys.graph_loop):
+        with contextlib.suppress(*messages.DECODE_ERRORS):  # A stranger's.
+            found.append(_record(payload))
     return sorted(found, key=lambda loop: (loop.to_sweep, loop.from_sweep))
 
 
