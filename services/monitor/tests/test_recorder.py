@@ -402,6 +402,29 @@ def test_a_path_that_did_not_come_is_told(
     assert said == ([True] if poses is None else [])
 
 
+def test_messages_are_written_while_mapping_hangs(
+    session: FakeSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its answers may take a minute, in which a large lidar fills the room for waiting ones."""
+    made = recording(session, tmp_path / "run.mcap")
+    get, written = session.get, []
+
+    def hanging(selector: str, handler: Any = None, **more: Any) -> list[Any]:
+        if selector == session.keys.path_map or selector.endswith("heads"):
+            before = made.written
+            session.publish_long_pose(1)
+            deadline = time.monotonic() + 5.0
+            while made.written == before and time.monotonic() < deadline:
+                time.sleep(0.01)
+            written.append(made.written > before)
+        return get(selector, handler, **more)
+
+    monkeypatch.setattr(session, "get", hanging)
+    made.settle()
+    made.close()
+    assert written == [True, True, True]
+
+
 def test_a_tile_from_before_is_not_written_after_a_newer_one(
     session: FakeSession, tmp_path: Path
 ) -> None:
@@ -419,6 +442,30 @@ def test_a_tile_from_before_is_not_written_after_a_newer_one(
     made.settle()
     until_asked(made)
     assert tiles_in_order(made) == [(0, 1, 8)]
+    assert made.lacks() == []
+
+
+def test_a_whole_tile_is_not_written_after_one_that_was_published_meanwhile(
+    session: FakeSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a mapping without heads, which answers with the tiles that it has then."""
+    made = recording(session, tmp_path / "run.mcap")
+    get, key = session.get, session.keys.tile("plane", (0, 0, 0))
+
+    def then_published(selector: str, handler: Any = None, **more: Any) -> list[Any]:
+        answers = get(selector, handler, **more)
+        if selector.endswith("/plane/**?heads"):
+            session.publish(key, a_tile(0, 3, 6))
+            deadline = time.monotonic() + 5.0
+            while not made._intake.has_all(0.0) and time.monotonic() < deadline:
+                time.sleep(0.01)
+        return answers
+
+    session.heads[key] = [a_tile(0, 2, 5)]
+    monkeypatch.setattr(session, "get", then_published)
+    made.settle()
+    until_asked(made)
+    assert tiles_in_order(made) == [(0, 3, 7)]
     assert made.lacks() == []
 
 

@@ -25,7 +25,8 @@ CLOSE_SECONDS = 5.0
 
 
 class MapBefore:
-    """Hands the tiles over as answers; all methods but the thread's are of the recorder."""
+    """Hands the tiles over as answers. look() may wait for long: it may have a thread of its own,
+    while the recorder's only calls published(). All others but begin() are for after begin()."""
 
     def __init__(self, link: Link, hand_over: Callable[[str, bytes], bool]) -> None:
         """`hand_over` takes an answer; false: it has no room for it now."""
@@ -43,13 +44,15 @@ class MapBefore:
         self._come: set[str] = set()
         #: Keys of the tiles that are in the recording.
         self._there: set[str] = set()
-        #: Another map has begun, as after `zloam reset`.
-        self._is_over = False
+        #: The newest map of which a tile was published.
+        self._published = -1
+        #: Until begin(): key -> map of each tile that was published.
+        self._early: dict[str, int] | None = {}
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._ask, daemon=True)
 
-    def begin(self) -> None:
-        """Asks which tiles there are, and begins to get them."""
+    def look(self) -> None:
+        """Asks which tiles there are."""
         told, before = tiles_told(self._link), -1
         ends_s = time.monotonic() + TILES_SECONDS
         # Heads may be dropped on the way, too.
@@ -61,6 +64,11 @@ class MapBefore:
             if len(self._had) >= told:
                 break
         self._unknown = max(0, told - len(self._had))
+
+    def begin(self) -> None:
+        """Begins to get the tiles; those that were published since look() began are there."""
+        early, self._early = self._early, None
+        self._there = {key for key in self._had if early and early.get(key) == self._newest}
         self._thread.start()
 
     def _note(self, payload: bytes, tile: Tile) -> None:
@@ -85,29 +93,33 @@ class MapBefore:
     def asks(self) -> bool:
         return self._thread.is_alive()
 
+    def _is_over(self) -> bool:
+        """Another map has begun, as after `zloam reset`."""
+        return self._published > self._newest >= 0
+
     def lacking(self) -> int:
         """Number of tiles that have not come; none of a map that is over, which no view shows any
         more."""
-        if self._is_over:
+        if self._is_over():
             return 0
         return self._unknown + len(self._had.keys() - self._there)
 
     def published(self, sample: Sample) -> None:
         """A tile was published: it is at least as new as an answer that comes later."""
-        if not self.lacking():
+        if self._early is None and not self.lacking():
             return  # No answer comes any more, or none is taken.
         with contextlib.suppress(*messages.DECODE_ERRORS):
             map_id = records.tile(sample.payload).map_id
-            if map_id > self._newest >= 0:
-                self._is_over = True
-                self._ends.set()
+            self._published = max(map_id, self._published)
+            if self._early is not None:
+                self._early[sample.key] = map_id
             elif map_id == self._newest and sample.key in self._had:
                 self._there.add(sample.key)
 
     def takes(self, sample: Sample) -> bool:
         """Whether an answer belongs into the recording: not after a newer version of the tile, nor
         after a tile of another map, which a view would end by it."""
-        if sample.key in self._there or self._is_over:
+        if sample.key in self._there or self._is_over():
             return False
         self._there.add(sample.key)
         return True
@@ -119,16 +131,19 @@ class MapBefore:
 
     def _ask(self) -> None:
         """Asks again for what was dropped, as long as that brings something."""
-        while self._whole and not self._ends.is_set():
+        while self._whole and self._goes_on():
             self._give(*self._whole.popitem())
         with contextlib.suppress(zenoh.ZError):  # The session may be closed already.
             missing, before = self._missing(), len(self._had) + 1
-            while 0 < len(missing) < before and not self._ends.is_set():
+            while 0 < len(missing) < before and self._goes_on():
                 before = len(missing)
                 for key in missing:
-                    if not self._ends.is_set():
+                    if self._goes_on():
                         self._get(key)
                 missing = self._missing()
+
+    def _goes_on(self) -> bool:
+        return not self._ends.is_set() and not self._is_over()
 
     def _missing(self) -> list[str]:
         return [key for key in self._had if key not in self._come and key not in self._there]

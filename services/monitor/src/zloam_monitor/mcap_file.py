@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -199,3 +200,15 @@ class McapFile:
             self.whole()
         finally:
             self._disk.close()
+
+
+@contextlib.contextmanager
+def told(file: McapFile) -> Iterator[None]:
+    """Reports a failure to write with the file's name."""
+    try:
+        yield
+    except OSError as error:
+        raise RecordingError(
+            f"{file.path}: {reason(error)}: the recording ends here; what was written up to half a "
+            "second before is whole. The robot goes on"
+        ) from error

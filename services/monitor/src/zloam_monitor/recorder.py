@@ -11,7 +11,8 @@ import queue
 import secrets
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from zloam_monitor.mcap_file import (
     RecordingError,
     further_parts,
     part_path,
-    reason,
+    told,
 )
 from zloam_monitor.recorded_keys import expressions, schema_of
 from zloam_monitor.terminal import ProgressLine
@@ -125,21 +126,30 @@ class Recorder:
         self._stood(keys.every_revision)
         if self.options.scene:
             self._scene = Scene(keys, SCENE_SECONDS, se3.mounting_shown(configs))
-        self._past_path()
+        # Published messages are written meanwhile: a mapping that hangs lets queries wait for long.
+        with ThreadPoolExecutor(1) as pool:
+            past = pool.submit(self._ask_for_past)
+            while not past.done():
+                self.poll(0.05)
+        self._keep_path(past.result())
         self._map.begin()
 
-    def _past_path(self) -> None:
-        came = False
-        for payload in self.link.get(self.link.keys.path_map, PATH_SECONDS):
+    def _ask_for_past(self) -> list[bytes]:
+        """Asks which tiles the map has; returns all answers with the path."""
+        answers = list(self.link.get(self.link.keys.path_map, PATH_SECONDS))
+        self._lacks_path = not answers and has_path(self.link)
+        self._map.look()
+        return answers
+
+    def _keep_path(self, answers: Iterable[bytes]) -> None:
+        for payload in answers:
             with contextlib.suppress(*messages.DECODE_ERRORS):
                 run, poses = records.path(payload)
-                came = True
                 if not len(poses):
                     continue
                 self._put(Sample(self.link.keys.path_map, payload, self._intake.clock.now_ns()))
                 if self._scene is not None:
                     self._scene.keep_path(run, poses)
-        self._lacks_path = not came and has_path(self.link)
 
     def _stood(self, selector: str) -> list[bytes]:
         """Asks, writes each answer that is not in the file yet, and returns all answers."""
@@ -266,18 +276,18 @@ class Recorder:
     def _write(
         self, topic: str, schema: tuple[str, bytes] | None, log_ns: int, sent_ns: int, data: bytes
     ) -> None:
-        with _told(self._file):
+        with told(self._file):
             self._file.put(topic, schema, log_ns, sent_ns, data)
 
     def _synced(self) -> None:
-        with _told(self._file):
+        with told(self._file):
             self._file.sync()
 
     def _split(self) -> None:
         # The next part first: if it can't be created, the open one is still closed well.
         fresh = self._opened()
         done, self._file = self._file, fresh
-        with _told(done):
+        with told(done):
             done.close()
         self.before += done.bytes
         for sample in self._standing.values():
@@ -310,7 +320,7 @@ class Recorder:
             if missing := self.dropped + self._intake.lost() + before:
                 self._file.note("zloam.dropped", {k: str(n) for k, n in missing.items()})
         finally:
-            with _told(self._file):
+            with told(self._file):
                 self._file.close()
 
     def lacks(self) -> list[str]:
@@ -356,18 +366,6 @@ class Recorder:
         listed = ", ".join(str(part) for part in self.parts)
         line = f"{listed}: {self.written} messages, {self.size / MIB:.1f} MiB"
         return "\n".join([line, *self.lacks()])
-
-
-@contextlib.contextmanager
-def _told(file: McapFile) -> Iterator[None]:
-    """Reports a failure to write with the file's name."""
-    try:
-        yield
-    except OSError as error:
-        raise RecordingError(
-            f"{file.path}: {reason(error)}: the recording ends here; what was written up to half a "
-            "second before is whole. The robot goes on"
-        ) from error
 
 
 def record(link: Link, options: Options, seconds: float | None) -> int:
