@@ -9,6 +9,10 @@ namespace {
 // A point farther away is no place on earth, and its indices might not fit into a number.
 constexpr double kFarthest_m = 1e9;
 constexpr std::size_t kFetchAhead = 8;
+// A voxel with so many points takes no more: its mean is known to micrometres. A robot that stands
+// for days gives a voxel more points than its count can hold; and the sum of the intensities, in
+// single precision, would lose what is added long before.
+constexpr std::uint32_t kMostCounted = 1U << 22;
 // An arbitrary rotation that aligns no axis of the grid with one of the map's, and a shift that is
 // no simple fraction of a voxel.
 const Eigen::Vector3d kGridTurn_rad(0.1, 0.15, 0.5);
@@ -70,6 +74,9 @@ void LayerMap::insert_at(std::uint64_t key, const NewPoint& point_map, std::uint
   const Eigen::Vector3d centre = centre_map(unpack_key(key));
   const std::uint32_t id = voxel_at(key);
   Voxel& voxel = voxels_[id];
+  // Of a voxel that another process counted, more may come at once.
+  count = std::min(count, kMostCounted - voxel.count);
+  if (count == 0) return;
   voxel.sum += static_cast<double>(count) * (point_map.position - centre);
   const float intensity = point_map.intensity;
   if (std::isfinite(intensity)) voxel.intensity_sum += static_cast<float>(count) * intensity;

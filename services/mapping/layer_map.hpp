@@ -43,7 +43,7 @@ class LayerMap {
   LayerMap& operator=(const LayerMap&) = delete;
 
   /// Points (frame map) that are not finite are left out, and those farther from the origin than
-  /// about a million voxels, which are counted.
+  /// about a million voxels, which are counted. A voxel of four million points takes no more.
   void insert(const Eigen::Vector3d& point_map, float intensity, std::uint32_t count = 1);
 
   /// The same, one after the other.

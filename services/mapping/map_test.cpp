@@ -231,6 +231,34 @@ TEST(LayerMap, MeanOfAllPointsOfAVoxelStays) {
   EXPECT_FLOAT_EQ(points[0].intensity, 2.0F);
 }
 
+// A robot that stands for days: more points in a voxel than a number of 32 bits can count.
+TEST(LayerMap, AVoxelThatIsFullStaysWhereItIs) {
+  LayerMap map(0.4, 50.0);
+  const Eigen::Vector3d at(3.05, -7.1, 1.02);
+  map.insert(at, 100.0F, std::numeric_limits<std::uint32_t>::max());
+  const TileIndex tile = map.tiles().at(0);
+  const std::uint64_t full = map.tile_count(tile);
+  map.take_changed();
+  for (int i = 0; i < 1000; ++i) map.insert(at, 100.0F);
+  map.insert(at, 100.0F, std::numeric_limits<std::uint32_t>::max());
+  ASSERT_EQ(map.tiles(), std::vector<TileIndex>{tile});
+  const auto points = map.tile_points(tile);
+  ASSERT_EQ(points.size(), 1U);
+  EXPECT_LT((points[0].mean - at).norm(), 1e-9);
+  EXPECT_FLOAT_EQ(points[0].intensity, 100.0F);
+  EXPECT_EQ(points[0].count, full);
+  EXPECT_EQ(map.tile_count(tile), full);
+  EXPECT_TRUE(map.take_changed().empty());
+}
+
+// Hours at one place: a sum in single precision of so many intensities takes no more of them.
+TEST(LayerMap, TheIntensityOfAVoxelDoesNotFadeWithTheNumberOfItsPoints) {
+  LayerMap map(0.4, 50.0);
+  for (int i = 0; i < 1000; ++i) map.insert({3.05, -7.1, 1.02}, 100.0F, 1U << 15);
+  for (int i = 0; i < 2'000'000; ++i) map.insert({3.05, -7.1, 1.02}, 100.0F);
+  EXPECT_FLOAT_EQ(map.tile_points(map.tiles().at(0)).at(0).intensity, 100.0F);
+}
+
 TEST(LayerMap, FarPointsAreKeptOrCountedButNeverMixedUp) {
   LayerMap coarse(0.4, 50.0);
   const Eigen::Vector3d far(150'010.0, -3.0, 1.0);
