@@ -181,7 +181,10 @@ class VoxelPlaneMap {
   };
 
   // Fits are stored separately: most voxels hold nothing but counts, which fill the map's memory.
-  // Sums are in single precision: offsets are below the voxel's edge, and added once per sweep.
+  // Sums are in single precision: offsets are below the voxel's edge, and added once per sweep. A
+  // voxel with so many points takes no more: a sensor that stands for days would add sweeps of less
+  // than the sums can tell, which bends the planes, and more points than the count can hold.
+  static constexpr std::uint32_t kMostCounted = 1U << 23;
   struct Counted {
     std::uint32_t count = 0;
     std::uint32_t refit_at = 0;  // count from which it is fitted again
@@ -190,6 +193,7 @@ class VoxelPlaneMap {
     std::uint16_t ring = kUnknownRing;
     Kind kind = Kind::kNone;
 
+    bool is_full() const { return count >= kMostCounted; }
     void add(const Gathered& gathered);
     Rings rings() const { return {ring, lead}; }
     bool several_rings() const { return lead < count; }

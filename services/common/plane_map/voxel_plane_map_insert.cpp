@@ -110,8 +110,10 @@ VoxelPlaneMap::Gathered VoxelPlaneMap::count_in_leaf(std::uint32_t index,
                                                      const Offset& centre) {
   const Gathered gathered = gather(points, placed, centre);
   Leaf& leaf = leaves_[index];
-  leaf.add(gathered);
-  leaf.sums.add(gathered.sums);
+  if (!leaf.is_full()) {
+    leaf.add(gathered);
+    leaf.sums.add(gathered.sums);
+  }
   return gathered;
 }
 
@@ -123,8 +125,10 @@ VoxelPlaneMap::Gathered VoxelPlaneMap::count_in_node(std::uint32_t index, int le
   const Gathered gathered = node.kind == Kind::kSettledPlane
                                 ? gather(points, placed, centre)
                                 : count_in_children(node, level, points, placed, centre);
-  node.add(gathered);
-  node.sums.add(gathered.sums);
+  if (!node.is_full()) {
+    node.add(gathered);
+    node.sums.add(gathered.sums);
+  }
   if (node.kind == Kind::kPlane && node.count >= config_.settled_points) {
     settle(node, level);
   }

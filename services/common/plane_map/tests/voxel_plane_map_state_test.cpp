@@ -112,6 +112,35 @@ TEST(VoxelPlaneMapState, WhichRingsWereSeenGoesAlong) {
   EXPECT_EQ(leads(copy), leads(whole));
 }
 
+// As of a sensor that stood for days: counts near the end of 32 bits, and sums in which a sweep
+// more can't be told.
+TEST(VoxelPlaneMapState, AVoxelThatIsFullTakesNoMore) {
+  VoxelPlaneMap map(config());
+  map.insert_points(room(20'000, 1));
+  std::vector<SavedVoxel> full = saved(map);
+  for (SavedVoxel& voxel : full) {
+    const std::uint32_t times = 0xffff'ffffU / voxel.count;
+    voxel.count *= times;
+    voxel.lead *= times;
+    for (float& value : voxel.sum) value *= static_cast<float>(times);
+    for (float& value : voxel.squares) value *= static_cast<float>(times);
+  }
+  VoxelPlaneMap before(config()), after(config());
+  for (const SavedVoxel& voxel : full) {
+    ASSERT_TRUE(before.load(voxel));
+    ASSERT_TRUE(after.load(voxel));
+  }
+  after.insert_points(room(20'000, 2));
+  for (std::size_t i = 0; i < before.roots().size(); ++i) {
+    std::vector<SavedVoxel> was, is;
+    before.save_root(i, was);
+    after.save_root(i, is);
+    EXPECT_EQ(is.front().count, was.front().count) << i;
+    EXPECT_EQ(is.front().sum, was.front().sum) << i;
+    EXPECT_EQ(is.front().squares, was.front().squares) << i;
+  }
+}
+
 TEST(VoxelPlaneMapState, TheRootsSayWhereTheyLie) {
   VoxelPlaneMap map(config());
   const std::vector<Vector3d> one = {{31.3, -17.2, 4.4}};
