@@ -30,7 +30,6 @@ constexpr std::int64_t kSilent_ns = 5'000'000'000;
 constexpr std::int64_t kPatience_ns = 10'000'000'000;
 // Received messages determine the number of entries; these limits, above what any robot has, bound
 // the memory that an unknown sender can occupy.
-constexpr std::size_t kMostTiles = 65'536;
 constexpr std::size_t kMostWaitingClouds = 2;
 constexpr std::size_t kNewestStatuses = 256, kNewestTiles = 4096, kNewestReadings = 4096;
 
@@ -244,17 +243,13 @@ void RosStage::take_tile(const zenoh::Sample& sample) {
   // Without a current run no pose names the map, so the first tile does.
   if (!map_id_) map_id_ = header.map_id();
   if (map_id_ != header.map_id()) return;
-  if (map_tiles_.size() >= kMostTiles && !map_tiles_.contains(sample.key)) {
-    stage_.degraded("map", "/map shows " + std::to_string(kMostTiles) + " tiles; there are more");
-    return;
-  }
-  Tile& kept = map_tiles_[sample.key];
-  const std::pair<std::uint64_t, std::uint64_t> rank{header.term(), tile->version()};
-  if (!kept.points.empty() && rank <= kept.rank) return;
-  const auto points = map_points_of(tile->points());
-  kept.rank = rank;
-  kept.points.assign(points.begin(), points.end());
-  map_grew_ = true;
+  const ShownTiles::Taken taken =
+      map_tiles_.take(tile->layer()->string_view(), sample.key, {header.term(), tile->version()},
+                      map_points_of(tile->points()));
+  map_grew_ |= taken == ShownTiles::Taken::kTaken;
+  if (taken != ShownTiles::Taken::kFull) return;
+  stage_.degraded("map",
+                  "/map shows " + std::to_string(ShownTiles::kMost) + " tiles; there are more");
 }
 
 // When /map gets a subscriber, or another map begins, requests all existing tiles; later ones
@@ -272,10 +267,7 @@ void RosStage::take_tiles() {
 void RosStage::say_map() {
   const std::int64_t now_ns = runtime::steady_ns();
   if (!map_grew_ || !map_->matching() || now_ns - last_map_ns_ < kMapPeriod_ns) return;
-  std::vector<MapPoint> all;
-  for (const auto& [key, tile] : map_tiles_) {
-    all.insert(all.end(), tile.points.begin(), tile.points.end());
-  }
+  const std::vector<MapPoint> all = map_tiles_.points();
   const Stamped header{stage_.now_ns(), frame("map")};
   map_->put(encode(CloudMessage{header, all}), header.stamp_ns, replay_);
   map_grew_ = false;

@@ -20,6 +20,7 @@
 #include "ros/io/node.hpp"
 #include "ros/placed_sweeps.hpp"
 #include "ros/pose_tree.hpp"
+#include "ros/shown_tiles.hpp"
 #include "ros/thinned_path.hpp"
 #include "ros/unusable.hpp"
 
@@ -57,11 +58,6 @@ class RosStage {
   std::string topic(const std::string& name) const;
   Diagnostic of_pose() const;
 
-  struct Tile {
-    /// term and version: more is newer
-    std::pair<std::uint64_t, std::uint64_t> rank;
-    std::vector<MapPoint> points;
-  };
   struct Heard {
     Diagnostic diagnostic;
     std::int64_t stamp_ns = 0;
@@ -88,7 +84,7 @@ class RosStage {
   bool path_grew_ = false;
   PlacedSweeps placed_;
   std::deque<zenoh::Sample> waiting_clouds_;
-  std::map<std::string, Tile> map_tiles_;
+  ShownTiles map_tiles_;
   std::optional<std::uint64_t> map_id_;
   bool map_grew_ = false;
   std::int64_t last_map_ns_ = 0;
