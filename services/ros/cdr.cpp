@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 
+#include "common/geometry/imu_limits.hpp"
 #include "ros/cdr_stream.hpp"
 
 namespace zloam::ros {
@@ -37,6 +38,12 @@ template <class Numbers>
 void read_into(CdrReader& in, Numbers& numbers) {
   for (double& number : numbers) in >> number;
 }
+
+/// A name of a frame that is longer is none.
+constexpr std::size_t kLongestFrame = 255;
+
+/// False for NaN too.
+bool is_plausible(const Eigen::Vector3d& v) { return (v.array().abs() <= kMostOfReading).all(); }
 
 /// ROS marks a quantity without measurement by -1 as the first element of its covariance.
 bool is_measured(const std::array<double, 9>& covariance) { return covariance[0] != -1.0; }
@@ -121,8 +128,8 @@ std::optional<ImuReading> decode_imu(std::span<const std::uint8_t> bytes) {
   read_into(in, reading.force_mps2);
   read_into(in, of_force);
   if (!in.ok() || !is_measured(of_rate) || !is_measured(of_force)) return std::nullopt;
-  if (!reading.rate_radps.allFinite() || !reading.force_mps2.allFinite()) return std::nullopt;
-  if (nanoseconds >= 1'000'000'000U) return std::nullopt;
+  if (!is_plausible(reading.rate_radps) || !is_plausible(reading.force_mps2)) return std::nullopt;
+  if (seconds < 0 || nanoseconds >= 1'000'000'000U) return std::nullopt;
   reading.stamp_ns = std::int64_t{seconds} * 1'000'000'000 + nanoseconds;
   return reading;
 }
@@ -143,6 +150,7 @@ std::optional<PlaceMessage> decode_place(std::span<const std::uint8_t> bytes) {
   const double norm = x * x + y * y + z * z + w * w;
   // The negated comparison also rejects NaN.
   if (!in.ok() || !(std::abs(norm - 1.0) < 0.01)) return std::nullopt;
+  if (place.frame.size() > kLongestFrame) return std::nullopt;
   if (!std::isfinite(position[0]) || !std::isfinite(position[1])) return std::nullopt;
   place.x_m = position[0];
   place.y_m = position[1];

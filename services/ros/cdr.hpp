@@ -22,8 +22,9 @@ Cdr encode(const CloudMessage& message);
 Cdr encode(const DiagnosticsMessage& message);
 
 /// Specific force and angular rate of a sensor_msgs/msg/Imu in either byte order. Empty if the
-/// bytes are no such message, if a value is not finite, or if the message lacks the acceleration or
-/// the rate (their covariance then begins with -1).
+/// bytes are no such message, if a value is not finite or beyond 1e6, if the stamp is negative (all
+/// readings of a message with such a one would be refused), or if the message lacks the
+/// acceleration or the rate (their covariance then begins with -1).
 std::optional<ImuReading> decode_imu(std::span<const std::uint8_t> bytes);
 
 /// The pose that RViz's "2D Pose Estimate" publishes.
@@ -35,7 +36,8 @@ struct PlaceMessage {
 };
 
 /// Decodes a geometry_msgs/msg/PoseWithCovarianceStamped in either byte order. Empty if the bytes
-/// are no such message, x or y is not finite, or the quaternion's norm is not 1.
+/// are no such message, x or y is not finite, the quaternion's norm is not 1, or the name of the
+/// frame is longer than any.
 std::optional<PlaceMessage> decode_place(std::span<const std::uint8_t> bytes);
 
 }  // namespace zloam::ros

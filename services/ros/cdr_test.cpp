@@ -46,9 +46,10 @@ class ImuBytes {
   Cdr bytes_;
 };
 
-Cdr imu_bytes(bool little, double of_force = 0.0, double force_z = 9.75) {
+Cdr imu_bytes(bool little, double of_force = 0.0, double force_z = 9.75,
+              std::int32_t seconds = 1'700'000'000) {
   ImuBytes b(little);
-  b.add(std::int32_t{1'700'000'000}).add(std::uint32_t{250'000'000}).text("imu");
+  b.add(seconds).add(std::uint32_t{250'000'000}).text("imu");
   b.add(0.0).add(0.0).add(0.0).add(1.0).covariance(-1.0);
   b.add(0.125).add(-0.25).add(0.5).covariance(0.0);
   b.add(1.5).add(-2.5).add(force_z).covariance(of_force);
@@ -70,6 +71,13 @@ TEST(Cdr, AnImuWithoutAccelerationOrWithWildNumbersIsNone) {
   EXPECT_FALSE(decode_imu(imu_bytes(true, 0.0, std::numeric_limits<double>::quiet_NaN())));
 }
 
+// The driver refuses a message with such a reading as a whole, with the good ones beside it.
+TEST(Cdr, AnImuThatTheDriverWouldRefuseIsNone) {
+  EXPECT_TRUE(decode_imu(imu_bytes(true, 0.0, -1e6, 0)));
+  EXPECT_FALSE(decode_imu(imu_bytes(true, 0.0, -1.001e6)));
+  EXPECT_FALSE(decode_imu(imu_bytes(true, 0.0, 9.75, -2'000'000'000)));
+}
+
 Cdr place_bytes(bool little, double z, double w, const char* frame = "map") {
   ImuBytes b(little);
   b.add(std::int32_t{1'700'000'000}).add(std::uint32_t{0}).text(frame);
@@ -87,6 +95,12 @@ TEST(Cdr, APlaceIsReadInEitherByteOrder) {
     EXPECT_EQ(place->y_m, -3.5);
     EXPECT_NEAR(place->yaw_rad, 0.8, 1e-12);
   }
+}
+
+// The name becomes part of the status.
+TEST(Cdr, APlaceInAFrameOfAnEndlessNameIsNone) {
+  EXPECT_TRUE(decode_place(place_bytes(true, 0.0, 1.0, std::string(255, 'm').c_str())));
+  EXPECT_FALSE(decode_place(place_bytes(true, 0.0, 1.0, std::string(1'000'000, 'm').c_str())));
 }
 
 TEST(Cdr, APlaceWithoutARotationOrCutIsNone) {
