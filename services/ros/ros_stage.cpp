@@ -352,14 +352,16 @@ void RosStage::take_places() {
     if (const auto said = decode_place(bytes.data())) {
       place(*said);
     } else {
-      stage_.degraded("initialpose", "a message of " + topic("initialpose") + " can't be read");
+      refusal_.say("a message of " + topic("initialpose") + " can't be read",
+                   runtime::steady_ns());
     }
   }
-  const auto answers = placing_.take();
-  if (!answers) return;
-  const std::string refusal = refusal_of(*answers);
-  stage_.degraded("initialpose", refusal);
-  if (refusal.empty()) runtime::log_info("mapping took the initial pose");
+  if (const auto answers = placing_.take()) {
+    const std::string refusal = refusal_of(*answers);
+    refusal_.say(refusal, runtime::steady_ns());
+    if (refusal.empty()) runtime::log_info("mapping took the initial pose");
+  }
+  stage_.degraded("initialpose", refusal_.shown(runtime::steady_ns()));
 }
 
 std::string RosStage::refusal_of(const std::vector<zenoh::Sample>& answers) const {
@@ -375,8 +377,9 @@ std::string RosStage::refusal_of(const std::vector<zenoh::Sample>& answers) cons
 
 void RosStage::place(const PlaceMessage& said) {
   if (said.frame != frame("map")) {
-    stage_.degraded("initialpose", "a pose of " + topic("initialpose") + " is in the frame '" +
-                                       said.frame + "'; '" + frame("map") + "' is expected");
+    refusal_.say("a pose of " + topic("initialpose") + " is in the frame '" + said.frame + "'; '" +
+                     frame("map") + "' is expected",
+                 runtime::steady_ns());
     return;
   }
   const nlohmann::json arguments = {

@@ -18,6 +18,7 @@
 #include "ros/cdr.hpp"
 #include "ros/config.hpp"
 #include "ros/io/node.hpp"
+#include "ros/passing_reason.hpp"
 #include "ros/placed_sweeps.hpp"
 #include "ros/pose_tree.hpp"
 #include "ros/shown_tiles.hpp"
@@ -74,6 +75,8 @@ class RosStage {
   Unusable unread_imu_;
   runtime::AllTiles all_tiles_;
   runtime::AsyncGet placing_;
+  /// of the last /initialpose
+  PassingReason refusal_;
   std::shared_ptr<runtime::Shared> bell_ = std::make_shared<runtime::Shared>();
 
   /// whether the last message belonged to a replay
