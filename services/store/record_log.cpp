@@ -286,9 +286,19 @@ void RecordLog::sync() {
 
 std::vector<std::uint8_t> RecordLog::read(const Place& place) const {
   const auto opened = opened_.find({place.file, place.base});
-  return opened == opened_.end()
-             ? ReadFile(path_of(place.file, place.base)).part(place.offset, place.size)
-             : opened->second.part(place.offset, place.size);
+  const std::uint64_t begin = place.offset - kHead;
+  std::vector<std::uint8_t> bytes =
+      opened == opened_.end()
+          ? ReadFile(path_of(place.file, place.base)).part(begin, kHead + place.size)
+          : opened->second.part(begin, kHead + place.size);
+  // It was whole when it was written, or at the start: the disk may have failed since then.
+  if (body_size(bytes, 0, limits_.record_bytes) != place.size) {
+    throw std::system_error(std::make_error_code(std::errc::io_error),
+                            "a damaged record in " +
+                                path_of(place.file, place.base).filename().string());
+  }
+  bytes.erase(bytes.begin(), bytes.begin() + kHead);
+  return bytes;
 }
 
 std::vector<fs::path> RecordLog::close_files() {

@@ -70,6 +70,7 @@ class RecordLog {
   /// drop what it could not write, and report the next attempt as good.
   const std::string& sync_error() const { return sync_error_; }
 
+  /// Throws std::system_error if it can't be read, or is damaged.
   std::vector<std::uint8_t> read(const Place& place) const;
 
   /// Syncs, begins another segment, and returns the files that hold all records so far. Nothing is

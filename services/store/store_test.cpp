@@ -177,6 +177,26 @@ TEST_F(Store, AFlippedBitEndsTheLogThere) {
   }
 }
 
+// A disk that fails while the store runs. A compaction would give what is damaged a new checksum.
+TEST_F(Store, WhatIsDamagedAfterTheStartIsNeitherReadNorCompacted) {
+  TileStore store(folder_, {});
+  for (const char* key : {"a", "b"}) store.put(message(key, 1));
+  const fs::path segment = last_segment(folder_);
+  {
+    std::fstream file(segment, std::ios::in | std::ios::out | std::ios::binary);
+    file.seekp(-1, std::ios::end);
+    file.put('\0');
+  }
+  EXPECT_EQ(store.get(message("a", 1).key)->payload, message("a", 1).payload);
+  EXPECT_THROW(store.get(message("b", 1).key), std::system_error);
+  EXPECT_THROW(store.compact(), std::system_error);
+  EXPECT_TRUE(fs::exists(segment)) << "as evidence";
+  EXPECT_EQ(store.keys().size(), 2U);
+  store.put(message("b", 2));
+  store.compact();
+  EXPECT_EQ(store.get(message("b", 2).key)->payload, message("b", 2).payload);
+}
+
 TEST_F(Store, ZerosAfterAPowerFailureAreNoRecords) {
   { TileStore(folder_, {}).put(message("a", 1)); }
   std::ofstream(last_segment(folder_), std::ios::binary | std::ios::app) << std::string(4096, '\0');
