@@ -324,6 +324,34 @@ TEST(WallMap, SearchesAMapOfManyKilometresToo) {
   EXPECT_LT(nearest_m, 3.0);
 }
 
+// 2^16 columns in a row: the one 2^16 rows farther on has the same number, modulo 2^32.
+TEST(WallMap, HeightsOfAMapOf40KilometresAreThoseOfThePlace) {
+  const auto scan = [](unsigned seed) {
+    std::vector<Eigen::Vector3f> points;
+    for (const Point& p : test::scan(other_room(), at(0.0, 0.0, 0.0), 0.01, seed).planes) {
+      points.push_back(p.position());
+    }
+    return points;
+  };
+  // The room lies at a place of the coarse grid.
+  std::vector<Eigen::Vector3f> map = {{-64.0F, -64.0F, 0.0F}, {32'703.75F, -64.0F, 0.0F}};
+  for (const Eigen::Vector3f& p : scan(1)) map.push_back(p);
+  for (const unsigned seed : {1U, 2U, 3U}) {
+    for (const Eigen::Vector3f& p : scan(seed)) {
+      map.emplace_back(p + Eigen::Vector3f(0.0F, 32'768.0F, -50.0F));
+    }
+  }
+  int here = 0;
+  for (const Pose& place : WallMap(map).likely_places(Surroundings(scan(4)), 1000)) {
+    const bool is_here = place.translation().head<2>().norm() < 0.1 &&
+                         Eigen::AngleAxisd(place.linear()).angle() < 0.01;
+    if (!is_here) continue;
+    ++here;
+    EXPECT_NEAR(place.translation().z(), 0.0, 0.3);
+  }
+  EXPECT_EQ(here, 1);
+}
+
 TEST(WallMap, SeesThroughWallsThatAreNotThere) {
   const test::Room room = test::furnished_room();
   const Pose truth = at(0.0, 0.0, 0.0);

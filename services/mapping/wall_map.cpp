@@ -125,8 +125,7 @@ WallMap::WallMap(std::span<const Eigen::Vector3f> points) {
   keep_heights(points);
   for (const Eigen::Vector3f& w : wall_points) {
     const Eigen::Vector2i cell = cell_of(w.head<2>() - origin_, kColumn_m);
-    wall_points_.emplace_back(
-        static_cast<std::uint32_t>(cell.y()) * width_ + static_cast<std::uint32_t>(cell.x()), w);
+    wall_points_.emplace_back(ColumnIndex{cell.y(), cell.x()}, w);
   }
   std::stable_sort(wall_points_.begin(), wall_points_.end(),
                    [](const auto& a, const auto& b) { return a.first < b.first; });
@@ -138,13 +137,11 @@ double WallMap::seen_through(const SweepView& view, const Pose& T_map_lidar) con
   const Eigen::Vector2i low = cell_of(here - Eigen::Vector2f::Constant(kInView_m), kColumn_m);
   const Eigen::Vector2i high = cell_of(here + Eigen::Vector2f::Constant(kInView_m), kColumn_m);
   std::size_t through = 0, met = 0;
-  for (int y = std::max(0, low.y()); y <= high.y() && y < static_cast<int>(height_); ++y) {
-    const auto row = static_cast<std::uint32_t>(y) * width_;
-    const std::uint32_t first = row + static_cast<std::uint32_t>(std::max(0, low.x()));
-    const std::uint32_t last =
-        row + std::min(width_ - 1, static_cast<std::uint32_t>(std::max(0, high.x())));
-    auto at = std::lower_bound(wall_points_.begin(), wall_points_.end(), first,
-                               [](const auto& a, std::uint32_t cell) { return a.first < cell; });
+  for (int y = std::max(0, low.y()); y <= high.y() && y < height_; ++y) {
+    const ColumnIndex first{y, std::max(0, low.x())}, last{y, high.x()};
+    auto at = std::lower_bound(
+        wall_points_.begin(), wall_points_.end(), first,
+        [](const auto& a, const ColumnIndex& column) { return a.first < column; });
     for (; at != wall_points_.end() && at->first <= last; ++at) {
       const Eigen::Vector3f p = T_lidar_map * at->second;
       const float range_m = p.norm();
@@ -206,15 +203,14 @@ WallMap::Pyramid WallMap::pyramid_of(std::span<const Eigen::Vector2f> walls,
 void WallMap::keep_heights(std::span<const Eigen::Vector3f> points) {
   for (const Eigen::Vector3f& p : points) {
     const Eigen::Vector2i cell = cell_of(p.head<2>() - origin_, kColumn_m);
-    width_ = std::max(width_, static_cast<std::uint32_t>(cell.x() + 1));
-    height_ = std::max(height_, static_cast<std::uint32_t>(cell.y() + 1));
+    width_ = std::max(width_, cell.x() + 1);
+    height_ = std::max(height_, cell.y() + 1);
   }
   columns_.reserve(points.size());
   for (const Eigen::Vector3f& p : points) {
     const Eigen::Vector2i cell = cell_of(p.head<2>() - origin_, kColumn_m);
     columns_.push_back(
-        {static_cast<std::uint32_t>(cell.y()) * width_ + static_cast<std::uint32_t>(cell.x()),
-         static_cast<std::int32_t>(std::floor(p.z() / kHeight_m))});
+        {{cell.y(), cell.x()}, static_cast<std::int32_t>(std::floor(p.z() / kHeight_m))});
   }
   std::sort(columns_.begin(), columns_.end());
   columns_.erase(std::unique(columns_.begin(), columns_.end()), columns_.end());
@@ -291,10 +287,9 @@ double WallMap::height_of(std::span<const Eigen::Vector3f> points_level, const P
   for (std::size_t i = 0; i < points_level.size(); i += stride) {
     const Eigen::Vector3f p = T * points_level[i];
     const Eigen::Vector2i cell = cell_of(p.head<2>() - origin_, kColumn_m);
-    const auto x = static_cast<std::uint32_t>(cell.x()), y = static_cast<std::uint32_t>(cell.y());
-    if (x >= width_ || y >= height_) continue;
+    if ((cell.array() < 0).any() || cell.x() >= width_ || cell.y() >= height_) continue;
     const auto height = static_cast<std::int32_t>(std::floor(p.z() / kHeight_m));
-    const Column lowest{y * width_ + x, std::numeric_limits<std::int32_t>::min()};
+    const Column lowest{{cell.y(), cell.x()}, std::numeric_limits<std::int32_t>::min()};
     for (auto column = std::lower_bound(columns_.begin(), columns_.end(), lowest);
          column != columns_.end() && column->cell == lowest.cell; ++column) {
       ++votes[column->height - height];

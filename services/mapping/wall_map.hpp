@@ -65,8 +65,13 @@ class WallMap {
     std::int16_t turn = 0;
     std::int8_t level = 0;
   };
+  // By row first. A map of 40 km has more columns than a number of 32 bits can count.
+  struct ColumnIndex {
+    std::int32_t y, x;
+    auto operator<=>(const ColumnIndex&) const = default;
+  };
   struct Column {
-    std::uint32_t cell;
+    ColumnIndex cell;
     std::int32_t height;
     auto operator<=>(const Column&) const = default;
   };
@@ -83,11 +88,11 @@ class WallMap {
   double height_of(std::span<const Eigen::Vector3f> points_level, const Pose& place) const;
 
   Eigen::Vector2f origin_ = Eigen::Vector2f::Zero();
-  std::uint32_t width_ = 0, height_ = 0;
+  std::int32_t width_ = 0, height_ = 0;
   // Finest first.
   std::vector<Pyramid> pyramids_;
   // Points of walls, by column.
-  std::vector<std::pair<std::uint32_t, Eigen::Vector3f>> wall_points_;
+  std::vector<std::pair<ColumnIndex, Eigen::Vector3f>> wall_points_;
   // Heights of points in each column of the map, ascending.
   std::vector<Column> columns_;
 };
