@@ -139,9 +139,9 @@ double WallMap::seen_through(const SweepView& view, const Pose& T_map_lidar) con
   std::size_t through = 0, met = 0;
   for (int y = std::max(0, low.y()); y <= high.y() && y < height_; ++y) {
     const ColumnIndex first{y, std::max(0, low.x())}, last{y, high.x()};
-    auto at = std::lower_bound(
-        wall_points_.begin(), wall_points_.end(), first,
-        [](const auto& a, const ColumnIndex& column) { return a.first < column; });
+    auto at =
+        std::lower_bound(wall_points_.begin(), wall_points_.end(), first,
+                         [](const auto& a, const ColumnIndex& column) { return a.first < column; });
     for (; at != wall_points_.end() && at->first <= last; ++at) {
       const Eigen::Vector3f p = T_lidar_map * at->second;
       const float range_m = p.norm();

@@ -352,8 +352,7 @@ void RosStage::take_places() {
     if (const auto said = decode_place(bytes.data())) {
       place(*said);
     } else {
-      refusal_.say("a message of " + topic("initialpose") + " can't be read",
-                   runtime::steady_ns());
+      refusal_.say("a message of " + topic("initialpose") + " can't be read", runtime::steady_ns());
     }
   }
   if (const auto answers = placing_.take()) {

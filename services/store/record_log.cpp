@@ -293,9 +293,9 @@ std::vector<std::uint8_t> RecordLog::read(const Place& place) const {
           : opened->second.part(begin, kHead + place.size);
   // It was whole when it was written, or at the start: the disk may have failed since then.
   if (body_size(bytes, 0, limits_.record_bytes) != place.size) {
-    throw std::system_error(std::make_error_code(std::errc::io_error),
-                            "a damaged record in " +
-                                path_of(place.file, place.base).filename().string());
+    throw std::system_error(
+        std::make_error_code(std::errc::io_error),
+        "a damaged record in " + path_of(place.file, place.base).filename().string());
   }
   bytes.erase(bytes.begin(), bytes.begin() + kHead);
   return bytes;
