@@ -135,7 +135,7 @@ def with_json(group: Any, before: str = "") -> set[str]:
 
 def test_the_readme_lists_the_commands_that_answer_so() -> None:
     text = (Path(__file__).parents[1] / "README.md").read_text()
-    listed = text.split("for each look:")[1].split(". Names")[0]
+    listed = text.split("one per update:")[1].split(". Names")[0]
     assert set(re.findall(r"`([^`]+)`", listed)) == with_json(typer.main.get_command(cli.app))
 
 

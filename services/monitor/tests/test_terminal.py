@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+SOURCES = Path(__file__).parents[1] / "src"
 
 SHOWN = """
 import sys
@@ -26,8 +30,11 @@ def test_a_reader_that_ended_does_not_end_the_command(where: str) -> None:
     """As `head` does, or `tee` at the Ctrl-C that also ends a recording: it is still closed, and
     its exit code says whether it is whole."""
     command = [sys.executable, "-c", SHOWN, where]
+    environment = {**os.environ, "PYTHONPATH": str(SOURCES)}
     pipe = subprocess.PIPE
-    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as run:
+    with subprocess.Popen(
+        command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment
+    ) as run:
         assert run.stdout is not None
         run.stdout.close()
         run.stdout = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import socket
 import subprocess
@@ -154,7 +155,15 @@ def test_a_disk_without_room_for_the_layout_is_told(tmp_path: Path) -> None:
     """In a process of its own, as Rerun waits for ever where the test fails."""
     pytest.importorskip("rerun")
     path = tmp_path / "new.rrd"
+    here = Path(__file__).parent
     command = [sys.executable, "-c", FULL, str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60.0)
+    done = subprocess.run(
+        command,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join((str(here.parent / "src"), str(here)))},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60.0,
+    )
     assert (done.returncode, done.stdout) == (0, f"{path} can't be created: File too large\n")
     assert not path.exists()
