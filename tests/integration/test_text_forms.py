@@ -39,7 +39,7 @@ VALUED = (
     "--out",
 )
 #: commands with subcommands
-GROUPS = ("map", "config")
+GROUPS = ("loop", "map", "config")
 
 
 def run(*command: str | Path, env: dict[str, str] | None = None) -> str:
