@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <functional>
 #include <limits>
 #include <map>
@@ -223,7 +224,11 @@ TEST(HandOver, WhereTheOtherDoesNotAnswerThisOneGoesOn) {
   const auto ghost = chain.session().declare_liveliness_token(
       kKeys.active("integration", "ghost", "1", std::to_string(wall_ns())));
   std::string reply;
-  while (reply.find("ghost") == std::string::npos) reply = said(chain.session(), "{}");
+  // Until the elder has heard of the ghost; each refusal comes at once.
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while (reply.find("ghost") == std::string::npos && std::chrono::steady_clock::now() < deadline) {
+    reply = said(chain.session(), "{}");
+  }
   EXPECT_EQ(reply, "no: ghost does not answer: this instance goes on");
   EXPECT_THAT(elder.left.get(), testing::ElementsAre(true, false));
   EXPECT_TRUE(chain.hears("elder", 1));
@@ -240,7 +245,11 @@ TEST(HandOver, TheReasonOfOneThatRefusesIsTold) {
   const auto ghost = chain.session().declare_liveliness_token(
       kKeys.active("integration", "ghost", "1", std::to_string(wall_ns())));
   std::string reply;
-  while (reply.find("ghost") == std::string::npos) reply = said(chain.session(), "{}");
+  // Until the elder has heard of the ghost; each refusal comes at once.
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while (reply.find("ghost") == std::string::npos && std::chrono::steady_clock::now() < deadline) {
+    reply = said(chain.session(), "{}");
+  }
   EXPECT_EQ(reply, "no: ghost does not take over (it leaves): this instance goes on");
   EXPECT_TRUE(chain.hears("elder", 1));
 }
@@ -258,7 +267,11 @@ TEST(HandOver, OfOneThatHangsItIsToldWhatToDo) {
   const auto ghost = chain.session().declare_liveliness_token(
       kKeys.active("integration", "ghost", "1", std::to_string(wall_ns())));
   std::string reply;
-  while (reply.find("ghost") == std::string::npos) reply = said(chain.session(), "{}");
+  // Until the elder has heard of the ghost; each refusal comes at once.
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while (reply.find("ghost") == std::string::npos && std::chrono::steady_clock::now() < deadline) {
+    reply = said(chain.session(), "{}");
+  }
   EXPECT_THAT(reply, testing::StartsWith("no: ghost is there and has not answered within 3 s"));
   EXPECT_THAT(reply, testing::HasSubstr("end its process and start it again"));
   EXPECT_THAT(reply, testing::EndsWith(": this instance goes on"));
