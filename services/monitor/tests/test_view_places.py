@@ -98,6 +98,15 @@ def test_a_page_is_served_to_both_kinds_of_addresses(
     assert re.match(rf"http://{shown}:\d+/ shows", capsys.readouterr().out)
 
 
+def test_a_name_of_both_kinds_is_served_by_ipv4(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Resolvers differ in which of localhost's addresses comes first."""
+    kinds = (socket.AF_INET6, "::1"), (socket.AF_INET, "127.0.0.1")
+    found = [(kind, socket.SOCK_STREAM, 6, "", (at, 0)) for kind, at in kinds]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)
+    with server._Server("127.0.0.1", 0, server._Handler) as page:
+        assert page.address_family == socket.AF_INET
+
+
 def test_a_page_that_can_not_be_served_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server, "Robots", Nobody)
     with pytest.raises(PortTaken, match=r"can't listen on \[2001:db8::7\]:0: "):

@@ -153,7 +153,9 @@ class _Server(ThreadingHTTPServer):
     """Listens on an address of IPv4 or IPv6."""
 
     def __init__(self, address: str, port: int, handler: type[_Handler]) -> None:
-        self.address_family = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM)[0][0]
+        found = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM)
+        # A name may have both, as localhost has: then IPv4, whatever the resolver prefers.
+        self.address_family = min(family for family, *_ in found)
         super().__init__((address, port), handler)
 
 
