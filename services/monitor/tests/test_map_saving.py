@@ -46,7 +46,14 @@ class Robot:
             return None
         known = self.last_sweep is not None
         figures = {"map_points": float(self.map_points)} if known else {}
-        return SimpleNamespace(last_sweep=self.last_sweep, figures=figures)
+        return SimpleNamespace(
+            stage="mapping",
+            instance="mapping-1",
+            reason="",
+            stamp_ns=0,
+            last_sweep=self.last_sweep,
+            figures=figures,
+        )
 
     def living(self) -> set[str]:
         self.lives_after -= 1
@@ -57,6 +64,13 @@ class Robot:
     #: Index of a tile that never comes.
     loses: int | None = None
     now: list[Tile] = field(default_factory=list)
+
+    def living_instances(self) -> set[tuple[str, str]]:
+        return {("mapping", "mapping-1")} if self.lives else set()
+
+    def answering(self) -> list[Any]:
+        status = self.stage("mapping")
+        return [] if status is None else [status]
 
     def query_tiles(self, _layers: Sequence[str]) -> list[Tile]:
         self.garbage += self.unreadable
