@@ -216,6 +216,16 @@ TEST(HandOver, WhoComesLaterStandsByThoughItsClockIsBehind) {
   EXPECT_FALSE(*silent_first);
 }
 
+// Asks until the elder has heard of the ghost; each refusal comes at once.
+std::string said_of_ghost(zenoh::Session& session) {
+  std::string reply;
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while (reply.find("ghost") == std::string::npos && std::chrono::steady_clock::now() < deadline) {
+    reply = said(session, "{}");
+  }
+  return reply;
+}
+
 TEST(HandOver, WhereTheOtherDoesNotAnswerThisOneGoesOn) {
   const Network network(2);
   Chain chain(network.open(1));
@@ -223,12 +233,7 @@ TEST(HandOver, WhereTheOtherDoesNotAnswerThisOneGoesOn) {
   ASSERT_TRUE(chain.hears("elder", 1));
   const auto ghost = chain.session().declare_liveliness_token(
       kKeys.active("integration", "ghost", "1", std::to_string(wall_ns())));
-  std::string reply;
-  // Until the elder has heard of the ghost; each refusal comes at once.
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
-  while (reply.find("ghost") == std::string::npos && std::chrono::steady_clock::now() < deadline) {
-    reply = said(chain.session(), "{}");
-  }
+  const std::string reply = said_of_ghost(chain.session());
   EXPECT_EQ(reply, "no: ghost does not answer: this instance goes on");
   EXPECT_THAT(elder.left.get(), testing::ElementsAre(true, false));
   EXPECT_TRUE(chain.hears("elder", 1));
@@ -244,12 +249,7 @@ TEST(HandOver, TheReasonOfOneThatRefusesIsTold) {
       [](zenoh::Query&& query) { query.reply_error(zenoh::Bytes::copy_of("it leaves")); });
   const auto ghost = chain.session().declare_liveliness_token(
       kKeys.active("integration", "ghost", "1", std::to_string(wall_ns())));
-  std::string reply;
-  // Until the elder has heard of the ghost; each refusal comes at once.
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
-  while (reply.find("ghost") == std::string::npos && std::chrono::steady_clock::now() < deadline) {
-    reply = said(chain.session(), "{}");
-  }
+  const std::string reply = said_of_ghost(chain.session());
   EXPECT_EQ(reply, "no: ghost does not take over (it leaves): this instance goes on");
   EXPECT_TRUE(chain.hears("elder", 1));
 }
@@ -266,12 +266,7 @@ TEST(HandOver, OfOneThatHangsItIsToldWhatToDo) {
       });
   const auto ghost = chain.session().declare_liveliness_token(
       kKeys.active("integration", "ghost", "1", std::to_string(wall_ns())));
-  std::string reply;
-  // Until the elder has heard of the ghost; each refusal comes at once.
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
-  while (reply.find("ghost") == std::string::npos && std::chrono::steady_clock::now() < deadline) {
-    reply = said(chain.session(), "{}");
-  }
+  const std::string reply = said_of_ghost(chain.session());
   EXPECT_THAT(reply, testing::StartsWith("no: ghost is there and has not answered within 3 s"));
   EXPECT_THAT(reply, testing::HasSubstr("end its process and start it again"));
   EXPECT_THAT(reply, testing::EndsWith(": this instance goes on"));
