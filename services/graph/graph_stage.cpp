@@ -63,6 +63,8 @@ void GraphStage::new_run(const msg::Header& first) {
     return;
   }
   if (unsaved_) stage_.lost_output(write_files());
+  // Those of a map that did not begin while its run was followed.
+  early_.clear();
   begin(first.map_id());
   run_ = first.run();
   replay_ = first.replay();
@@ -81,16 +83,27 @@ void GraphStage::begin(std::uint64_t map_id) {
   starts_late_ = false;
 }
 
-bool GraphStage::follow_map(const msg::Header& header, std::int64_t instant_ns) {
-  if (header.map_id() == map_id_) return true;
-  if (!path_.empty() && instant_ns <= path_.back().instant_ns) return false;
+CurrentMap GraphStage::current_map() const {
+  CurrentMap map{map_id_, std::nullopt};
+  if (!path_.empty()) map.newest_pose_ns = path_.back().instant_ns;
+  return map;
+}
+
+bool GraphStage::follow_map(const PoseMessage& pose) {
+  const std::uint64_t map_id = pose.header().map_id();
+  const Membership of_map = membership_of_pose(current_map(), map_id, pose->instant_ns());
+  if (of_map != Membership::kBegins) return of_map == Membership::kCurrent;
   // Poses of a mapping whose map had not come are of no map: the files are those of the drive.
   if (!is_lost_) {
-    runtime::log_warning("mapping began a new map: so does the graph", {{"sweep", header.sweep()}});
+    runtime::log_warning("mapping began a new map: so does the graph", {{"sweep", pose.sweep()}});
     if (unsaved_) stage_.lost_output(write_files());
   }
-  begin(header.map_id());
+  begin(map_id);
   return true;
+}
+
+void GraphStage::take_early() {
+  for (const SubmapMessage& submap : std::exchange(early_, {})) take(submap);
 }
 
 // Mapping's path goes on when the driver is restarted, and then it has sweep numbers twice: poses
@@ -170,10 +183,12 @@ void GraphStage::note_recalled(const SubmapMessage& first) {
 }
 
 void GraphStage::take(const SubmapMessage& message) {
-  const bool is_of_map = follow_map(message.header(), message->instant_ns());
+  const Membership of_map =
+      membership_of_submap(current_map(), message.header().map_id(), message->instant_ns());
+  if (of_map == Membership::kEarly) return early_.push_back(message);
   const bool is_known =
       !graph_.nodes().empty() && message->instant_ns() <= graph_.nodes().back().instant_ns;
-  if (is_of_map && structs_of(message->points()).size() > 0 && !is_known) {
+  if (of_map == Membership::kCurrent && structs_of(message->points()).size() > 0 && !is_known) {
     if (std::exchange(starts_late_, false)) note_recalled(message);
     const double begin_ms = 1e-6 * static_cast<double>(stage_.now_ns());
     const Submap submap = submap_of(*message);
@@ -193,7 +208,7 @@ void GraphStage::take(const SubmapMessage& message) {
 }
 
 void GraphStage::take(const PoseMessage& message) {
-  const bool is_of_map = follow_map(message.header(), message->instant_ns());
+  const bool is_of_map = follow_map(message);
   // Also of a pose that mapping's path had already.
   if (is_of_map) note_header(message);
   if (is_of_map && (path_.empty() || message->instant_ns() > path_.back().instant_ns)) {
@@ -201,6 +216,7 @@ void GraphStage::take(const PoseMessage& message) {
     unsaved_ = true;
     is_lost_ = is_lost_ && health_of(message->health()) == Health::kLost;
   }
+  take_early();
   if (message.end_of_run()) {
     poses_end_ = true;
     note_end(message.header());

@@ -11,6 +11,7 @@
 #include "common/runtime/output_files.hpp"
 #include "common/runtime/stage.hpp"
 #include "graph/loop_graph.hpp"
+#include "graph/map_membership.hpp"
 #include "graph/submap_points.hpp"
 
 namespace zloam::graph {
@@ -31,9 +32,12 @@ class GraphStage {
   void new_run(const msg::Header& first);
   /// Starts an empty graph for a map.
   void begin(std::uint64_t map_id);
-  /// Begins a new graph when mapping has begun a new map. False: the message is a late one of the
-  /// map before.
-  bool follow_map(const msg::Header& header, std::int64_t instant_ns);
+  CurrentMap current_map() const;
+  /// Begins a new graph when mapping has begun a new map. False: the pose is a late one of the map
+  /// before.
+  bool follow_map(const PoseMessage& pose);
+  /// Takes the submaps whose map has begun meanwhile.
+  void take_early();
   /// Requests poses and submaps of the map so far, for a graph that was started in the middle of a
   /// run.
   void catch_up(const msg::Header& first);
@@ -75,6 +79,8 @@ class GraphStage {
   runtime::Outlet& loops_;
   runtime::OutputFiles files_;
   std::vector<TimedPose> path_;
+  /// submaps of a map of which no pose was handled yet
+  std::vector<SubmapMessage> early_;
   HeaderFields header_;
   std::optional<SubmapMessage> last_;
   std::uint64_t map_id_ = 0;
