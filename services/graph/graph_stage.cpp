@@ -76,6 +76,7 @@ void GraphStage::begin(std::uint64_t map_id) {
   graph_ = LoopGraph(config_);
   points_ = SubmapPoints(config_.output_dir);
   for (const char* topic : {"points", "recall"}) stage_.degraded(topic, "");
+  note_graph();
   path_.clear();
   last_.reset();
   unsaved_ = false;
@@ -247,10 +248,7 @@ void GraphStage::publish(const SubmapMessage& cause, const Update& update) {
                                                      {"sweep", cause.sweep()},
                                                      {"moved_m", graph_.last_move_m()}});
   }
-  stage_.figure("submaps", static_cast<double>(graph_.nodes().size()));
-  stage_.figure("loops", static_cast<double>(graph_.loops_in_force()));
-  stage_.figure("revision", graph_.revision());
-  note_fit();
+  note_graph();
   last_ = cause;
   publish_poses(cause);
 }
@@ -267,7 +265,10 @@ void GraphStage::publish_loops(const SubmapMessage& cause, const std::vector<Loo
   }
 }
 
-void GraphStage::note_fit() {
+void GraphStage::note_graph() {
+  stage_.figure("submaps", static_cast<double>(graph_.nodes().size()));
+  stage_.figure("loops", static_cast<double>(graph_.loops_in_force()));
+  stage_.figure("revision", graph_.revision());
   stage_.degraded("graph", graph_.fitted()
                                ? ""
                                : "the loops in force could not be fitted: the poses are those "

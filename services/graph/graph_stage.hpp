@@ -52,7 +52,8 @@ class GraphStage {
   void note_end(const msg::Header& header);
   void publish(const SubmapMessage& cause, const Update& update);
   void publish_loops(const SubmapMessage& cause, const std::vector<Loop>& loops);
-  void note_fit();
+  /// In the status: what the graph has, and whether its loops could be fitted.
+  void note_graph();
   void note_header(const runtime::Message& cause);
   void publish_poses(const SubmapMessage& cause);
   void answer_path(runtime::Answer& answer);
