@@ -164,7 +164,12 @@ bool GraphStage::has_missed(const msg::Header& first) {
 void GraphStage::catch_up(const msg::Header& first) {
   if (!has_missed(first)) return;
   starts_late_ = true;
-  for (const SubmapMessage& submap : recall_submaps(first)) take(submap);
+  const std::vector<SubmapMessage> submaps = recall_submaps(first);
+  for (const SubmapMessage& submap : submaps) take(submap);
+  // The last submap of an earlier run in this map does not end this run.
+  submaps_end_ = std::ranges::any_of(submaps, [&](const SubmapMessage& submap) {
+    return submap.end_of_run() && submap.run() == first.run();
+  });
   runtime::log_info("taken up in the middle of a run",
                     {{"submaps", graph_.nodes().size()}, {"poses", path_.size()}});
 }
