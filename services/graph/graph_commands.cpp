@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -101,12 +102,9 @@ runtime::CommandReply GraphStage::remove(const std::string& arguments_json) {
   if (!ends.error.empty()) return refused(ends.error);
   const std::vector<Loop> loops = graph_.in_force(ends.sweeps[0], ends.sweeps[1]);
   if (loops.size() > 1) return refused(kSeveralRuns);
-  if (loops.empty() || !graph_.remove(loops[0].from, loops[0].to)) {
-    return refused("no loop is in force between these submaps");
-  }
-  Update update{loops, true};
-  update.loops[0].verdict = Verdict::kRemoved;
-  publish(*last_, update);
+  const auto update = loops.empty() ? std::nullopt : graph_.remove(loops[0].from, loops[0].to);
+  if (!update) return refused("no loop is in force between these submaps");
+  publish(*last_, *update);
   unsaved_ = true;
   return with_loops("loop removed");
 }

@@ -292,28 +292,38 @@ Update LoopGraph::add(const Submap& submap, std::size_t session) {
   return update;
 }
 
-bool LoopGraph::remove(std::size_t from, std::size_t to) {
-  State& s = *state_;
-  for (Loop& loop : s.loops) {
-    if (loop.from != from || loop.to != to || loop.verdict != Verdict::kAccepted) continue;
-    loop.verdict = Verdict::kRemoved;
-    const std::vector<Loop> left = s.loops;
-    // Loops that contradicted only the removed one are in force again; the fit takes back those
-    // that contradict others too.
-    for (Loop& other : s.loops) {
-      if (other.verdict == Verdict::kTakenBack) other.verdict = Verdict::kAccepted;
-    }
-    std::vector<Loop> ignored;
-    s.part(ignored);
-    s.optimise(ignored);
-    if (s.fitted) return true;
-    // Without a fit the poses would still be those with the removed loop.
-    s.loops = left;
-    s.part(ignored);
-    s.optimise(ignored);
-    return true;
+// Loops that contradicted only a removed one are in force again; the fit takes back those that
+// contradict others too. True: the poses have changed.
+bool LoopGraph::State::try_again() {
+  const std::vector<Loop> left = loops;
+  for (Loop& loop : loops) {
+    if (loop.verdict == Verdict::kTakenBack) loop.verdict = Verdict::kAccepted;
   }
-  return false;
+  std::vector<Loop> ignored;
+  part(ignored);
+  const bool revised = optimise(ignored);
+  if (fitted) return revised;
+  // Without a fit the poses would still be those with the removed loop.
+  loops = left;
+  part(ignored);
+  return optimise(ignored);
+}
+
+std::optional<Update> LoopGraph::remove(std::size_t from, std::size_t to) {
+  State& s = *state_;
+  const auto removed = std::ranges::find_if(s.loops, [&](const Loop& loop) {
+    return loop.from == from && loop.to == to && loop.verdict == Verdict::kAccepted;
+  });
+  if (removed == s.loops.end()) return std::nullopt;
+  const std::vector<Loop> before = s.loops;
+  removed->verdict = Verdict::kRemoved;
+  Update update;
+  update.revised = s.try_again();
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    if (s.loops[i].verdict == before[i].verdict) continue;
+    update.loops.push_back(s.of_submaps(s.loops[i]));
+  }
+  return update;
 }
 
 const std::vector<Node>& LoopGraph::nodes() const { return state_->nodes; }

@@ -19,6 +19,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "common/geometry/submap.hpp"
@@ -96,8 +97,9 @@ class LoopGraph {
   /// best match of the two unless they have nothing in common, and what contradicts it is taken
   /// back until it is removed.
   Update add_loop(std::size_t from, std::size_t to, bool forced);
-  /// Takes a loop out of force permanently. False: there is none in force between these two.
-  bool remove(std::size_t from, std::size_t to);
+  /// Takes a loop out of force permanently. Nothing: there is none in force between these two. In
+  /// the update are this loop and the others whose verdict has changed.
+  std::optional<Update> remove(std::size_t from, std::size_t to);
 
   const std::vector<Node>& nodes() const;
   /// Loops in force, and those that wait for confirmation by another.

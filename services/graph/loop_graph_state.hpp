@@ -72,6 +72,7 @@ struct LoopGraph::State {
   bool contradicts(const std::vector<Pose>& poses) const;
   Loop* contradiction(const std::vector<Pose>& poses);
   bool optimise(std::vector<Loop>& decided);
+  bool try_again();
   bool move_to(const std::vector<Pose>& poses);
   std::vector<Pose> world() const;
   std::vector<Between> factors(bool with_drift) const;

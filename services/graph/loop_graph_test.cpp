@@ -139,6 +139,31 @@ TEST(LoopGraph, WithoutALoopThoseCountAgainThatContradictedIt) {
   EXPECT_GT(ran.graph.loops_in_force(), 0U);
 }
 
+TEST(LoopGraph, ARemovalTellsOfEachLoopWhoseVerdictItChanges) {
+  TestTown town(1);
+  Ran ran = run(stretched_drive(town));
+  std::size_t again = 0;
+  while (ran.graph.loops_in_force() > 0) {
+    const std::vector<Loop> before = ran.graph.loops();
+    const auto first = std::ranges::find(before, Verdict::kAccepted, &Loop::verdict);
+    const auto update = ran.graph.remove(first->from, first->to);
+    ASSERT_TRUE(update.has_value());
+    const std::vector<Loop> after = ran.graph.loops();
+    ASSERT_EQ(after.size(), before.size());
+    auto told = update->loops.begin();
+    for (std::size_t i = 0; i < after.size(); ++i) {
+      if (after[i].verdict == before[i].verdict) continue;
+      ASSERT_NE(told, update->loops.end()) << i;
+      EXPECT_EQ(std::tuple(told->from, told->to, told->verdict),
+                std::tuple(after[i].from, after[i].to, after[i].verdict));
+      again += told->verdict == Verdict::kAccepted ? 1 : 0;
+      ++told;
+    }
+    EXPECT_EQ(told, update->loops.end());
+  }
+  EXPECT_GT(again, 0U);
+}
+
 // The fewer loops are in force, the more of them a false one outweighs at first.
 TEST(LoopGraph, OfALoopThatIsRefusedNothingIsLeft) {
   TestTown town(1);
