@@ -356,7 +356,8 @@ std::string GraphStage::write_points(const std::string& path) const {
 /// Each map of a run has files of its own, and so has each run in a map that is resumed.
 runtime::OutputFiles::Run GraphStage::file_run() const {
   constexpr std::uint64_t kSpread = 0x9E3779B97F4A7C15;
-  return {run_ ^ (map_id_ * kSpread), replay_, path_.size()};
+  const std::size_t count = std::max(path_.size(), graph_.nodes().size());
+  return {run_ ^ (map_id_ * kSpread), replay_, count};
 }
 
 std::string GraphStage::write_files() {

@@ -86,6 +86,8 @@ bool OutputFiles::is_free(const std::string& path, const Run& run, const Entries
   const std::string name = name_of(path);
   if (!is_as_made(*there, entries, name)) return false;
   const Run& before = entries.at(name).run;
+  // Written by command before anything had come.
+  if (before.count == 0) return true;
   if (run.replay) return before.replay;
   const auto own = written_.find(name);
   const bool by_us = own != written_.end() && own->second == run.id;

@@ -16,7 +16,7 @@ class OutputFiles {
   struct Run {
     std::uint64_t id = 0;
     bool replay = false;
-    /// poses or points: more of one run replaces less
+    /// poses or points: more of one run replaces less, and any run a file without any
     std::uint64_t count = 0;
   };
 

@@ -70,6 +70,16 @@ TEST_F(OutputFolder, NothingIsReplacedByLess) {
   EXPECT_EQ(text("map.pcd"), "thinned by its own process");
 }
 
+// `zloam save` before the drive: its files do not take the names of those of the drive.
+TEST_F(OutputFolder, WhatHoldsNothingIsReplacedByAnyRun) {
+  OutputFiles files(folder.string(), kList);
+  EXPECT_EQ(write(files, {0, false, 0}, "no points"), "map.pcd");
+  EXPECT_EQ(write(files, {1, false, 120}, "live"), "map.pcd");
+  EXPECT_EQ(write(files, {2, false, 0}, "no points"), "map_2.pcd");
+  EXPECT_EQ(write(files, {3, true, 120}, "replay"), "map_2.pcd");
+  EXPECT_EQ(text("map.pcd"), "live");
+}
+
 TEST_F(OutputFolder, AReplayReplacesAReplayAndNothingElse) {
   OutputFiles files(folder.string(), kList);
   EXPECT_EQ(write(files, {1, true, 120}, "a"), "map.pcd");
