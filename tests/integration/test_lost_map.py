@@ -5,10 +5,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
 import pytest
 
 from tests.integration.conftest import Capture, simulate
 from tests.integration.live_run import IN_MAP, KILL_AT, SECONDS, SPARE_S, LiveRun, one_quick
+from zloam_monitor import messages
 from zloam_monitor.methods import programs
 
 #: without a method, and A-LOAM's programs
@@ -32,6 +35,14 @@ def programs_of(build: Path, method: str) -> dict[str, str]:
 def said_of_map(run: LiveRun) -> str:
     """Mapping's reason for being degraded, if it speaks of a lost map or frame."""
     return next((reason for reason in run.reasons() if "lost: " in reason), "")
+
+
+def path_ns(run: LiveRun) -> npt.NDArray[np.int64]:
+    """Instants of the poses that mapping has of its map."""
+    answer = next(iter(run.chain.link.get(run.chain.link.keys.path_map)))
+    path = messages.decode("Path", answer)
+    poses = messages.struct_vector(path, "Poses", messages.STAMPED_POSE)
+    return np.asarray(poses["instant_ns"], dtype=np.int64)
 
 
 def killed(run: LiveRun, *stages: str) -> tuple[str, list[int]]:
@@ -92,15 +103,20 @@ def test_the_store_has_map_and_frame_without_integration(
 def test_a_reset_ends_what_is_said_of_the_lost_map(
     build: Path, robot_file: Path, drive: Capture, tmp_path: Path, method: str
 ) -> None:
-    """The user has begun another map: the one that was lost is no longer missed."""
+    """The user has begun another map: the one that was lost is no longer missed, and its poses are
+    not of the new one."""
     of_method = programs_of(build, method)
     run = LiveRun(build, robot_file, drive, tmp_path, store=False, programs=of_method)
     with run:
         run.until_poses(KILL_AT)
         run.restart("mapping")
         run._until(lambda: bool(said_of_map(run)))
+        before_ns = list(run.mapped.values())[-1].instant_ns
         reply = run.chain.link.command("mapping", "reset", {})
         assert reply is not None
         assert reply.ok
         run._until(lambda: not said_of_map(run))
+        mapped = len(run.mapped)
+        run._until(lambda: len(run.mapped) >= mapped + IN_MAP)
+        assert path_ns(run).min() > before_ns
         run.end()

@@ -88,6 +88,7 @@ runtime::CommandReply MappingStage::reset() {
   const Pose T_map_odom = mapper_.T_map_odom();
   mapper_ = ScanToMap(leaves_);
   mapper_.restore(last_T_map_base_, T_map_odom);
+  path_.clear();
   unpublished_.clear();
   last_mapped_.reset();
   ++map_id_;
