@@ -113,11 +113,26 @@ def _xyz(points: NDArray[Any]) -> NDArray[np.float64]:
     return np.stack([points["x"], points["y"], points["z"]], axis=1).astype(np.float64)
 
 
+def _distances(
+    a: NDArray[np.float64], b: NDArray[np.float64], time_ns: NDArray[np.uint32]
+) -> NDArray[np.float64]:
+    """Distances of corresponding points of one ring; the returns of one firing, which have one
+    time, are paired as they fit."""
+    distance = np.linalg.norm(a - b, axis=1)
+    pair = np.flatnonzero(time_ns[1:] == time_ns[:-1])
+    distance[pair] = np.minimum(distance[pair], np.linalg.norm(a[pair] - b[pair + 1], axis=1))
+    distance[pair + 1] = np.minimum(
+        distance[pair + 1], np.linalg.norm(a[pair + 1] - b[pair], axis=1)
+    )
+    return distance
+
+
 def worst_excess_m(ours: NDArray[Any], theirs: NDArray[Any]) -> tuple[float, float]:
     """(largest distance, largest distance minus the azimuth's rounding at that range).
 
     Both decoders keep the order of firings within a ring, so the i-th points of a ring correspond;
-    only the two returns of one firing may be swapped.
+    only the two returns of one firing may be swapped. A point is never compared with that of
+    another firing: one that is a firing late lies on the same smooth wall.
     """
     if len(ours) != len(theirs):
         raise RuntimeError(f"{len(ours)} points, the other decoder has {len(theirs)}")
@@ -125,13 +140,13 @@ def worst_excess_m(ours: NDArray[Any], theirs: NDArray[Any]) -> tuple[float, flo
         raise RuntimeError("a coordinate is no number")
     worst, excess, compared = 0.0, -np.inf, 0
     for ring in range(16):
-        a, b = _xyz(ours[ours["ring"] == ring]), _xyz(theirs[theirs["ring"] == ring])
+        of_ring = ours[ours["ring"] == ring]
+        a, b = _xyz(of_ring), _xyz(theirs[theirs["ring"] == ring])
         if len(a) != len(b):
             raise RuntimeError(f"ring {ring}: {len(a)} points, the other decoder has {len(b)}")
         if len(a) == 0:
             continue
-        shifted = [b, np.roll(b, 1, axis=0), np.roll(b, -1, axis=0)]
-        distance = np.min([np.linalg.norm(a - other, axis=1) for other in shifted], axis=0)
+        distance = _distances(a, b, of_ring["time_ns"])
         worst = max(worst, float(distance.max()))
         over = distance - np.linalg.norm(a, axis=1) * AZIMUTH_ROUNDING_RAD
         excess = max(excess, float(over.max()))
