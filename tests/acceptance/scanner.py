@@ -56,11 +56,12 @@ def _drive(setting: Setting, world: str, seed: int, with_imu: bool) -> tuple[Dem
 
 
 def _scores(demo: Demo, session: Session) -> tuple[evaluation.Scores, float]:
-    """The errors, and the number of poses per second."""
+    """The errors, and the number of poses per second of the whole session."""
     found = trajectory.read(demo.results / "trajectory.tum")
-    stamps = found.stamps_ns
-    rate = 1e9 * (len(stamps) - 1) / float(stamps[-1] - stamps[0])
-    return evaluation.evaluate(found, trajectory.read(session.truth)), rate
+    truth = trajectory.read(session.truth)
+    # Not from the first to the last pose: poses that are missing at the end count.
+    rate = 1e9 * len(found) / float(truth.stamps_ns[-1] - truth.stamps_ns[0])
+    return evaluation.evaluate(found, truth), rate
 
 
 def _drives(
@@ -123,6 +124,8 @@ def _calibrated(setting: Setting, world: str) -> Measured:
         found = yaml.safe_load(done.stdout)
         off_deg = np.subtract(found["scanner"]["rpy_deg"][1:], simulated.MOUNT_DEG)
         off_ms = found["motor"]["delay_ms"] - simulated.DELAY_MS
+        if not np.isfinite([*off_deg, off_ms]).all():  # max() would pass over NaN.
+            return Measured(f"seed {seed}: {off_deg}°, {off_ms} ms", held=False)
         worst_deg = max(worst_deg, float(np.abs(off_deg).max()))
         worst_ms = max(worst_ms, abs(off_ms))
     return Measured(
