@@ -88,3 +88,22 @@ def test_missing_poses_are_not_passed_over(tmp_path: Path) -> None:
     (run / "fused.csv").write_text("\n".join(lines[:-1]) + "\n")
     with pytest.raises(RuntimeError, match="60 poses, 59 flags"):
         judge.verdict(run, line_along_x({}))
+
+
+@pytest.mark.parametrize("variance", ["nan", "-1e-4"])
+def test_a_covariance_that_is_none_excuses_nothing(tmp_path: Path, variance: str) -> None:
+    run = write_run(tmp_path, {20: 0.2}, {}, 0.01)
+    lines = (run / "fused_covariance.csv").read_text().splitlines()
+    lines[20] = f"20,{variance}" + lines[20][lines[20].index(",", 3) :]
+    (run / "fused_covariance.csv").write_text("\n".join(lines) + "\n")
+    found = judge.verdict(run, line_along_x({}))
+    assert (found.silent, found.first_silent, found.vague) == (1, 20, 1)
+
+
+def test_a_mapped_sweep_without_a_fused_pose_is_not_passed_over(tmp_path: Path) -> None:
+    run = write_run(tmp_path, {}, {}, 0.01)
+    for name in ("fused.tum", "fused.csv", "fused_covariance.csv"):
+        lines = (run / name).read_text().splitlines()
+        (run / name).write_text("\n".join(lines[:-1]) + "\n")
+    with pytest.raises(RuntimeError, match="59 poses of 60 mapped sweeps"):
+        judge.verdict(run, line_along_x({}))

@@ -2,8 +2,9 @@
 covariance of the poses are right.
 
 A pose is silently wrong if it is reported as Ok although the motion since the previous Ok pose is
-off by more than three of its own sigmas plus 2 cm. It is vague if it is reported as Ok with a sigma
-above a user's requirement: not wrong, but of no use. A flag is false if Degenerate, Predicted,
+off by more than three of its own sigmas plus 2 cm; a sigma that is no number excuses nothing. It is
+vague if it is reported as Ok with a sigma that is not within a user's requirement: not wrong, but
+of no use. A flag is false if Degenerate, Predicted,
 Bridging or Lost is reported for a pose whose motion over the last 10 m of way is right to 1 %, or 2
 cm.
 """
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 #: values of common/geometry/health.hpp
 OK, DEGENERATE, PREDICTED, BRIDGING, LOST = 0, 4, 5, 8, 9
 SIGMAS, SLACK_M = 3.0, 0.02
+FLAGS = (DEGENERATE, PREDICTED, BRIDGING, LOST)
 #: a user's requirement: error as a share of the way, over this length of way
 WAY_M, WAY_SHARE = 10.0, 0.01
 
@@ -90,6 +92,17 @@ def _table(path: Path) -> Array:
     return rows if rows.size else np.empty((0, 37))
 
 
+def _sigmas_m(covariances: Array) -> Array:
+    """The largest sigma of each covariance; NaN for a covariance that is none."""
+    sigma_m = np.full(len(covariances), np.nan)
+    known = np.isfinite(covariances).all(axis=(1, 2))
+    variances = np.linalg.eigvalsh(covariances[known])
+    # The file has six digits.
+    sound = variances[:, 0] >= -1e-5 * np.abs(variances[:, -1])
+    sigma_m[known] = np.sqrt(np.where(sound, variances[:, -1], np.nan))
+    return sigma_m
+
+
 def said_of(run: Path, truth: Trajectory) -> Said:
     """Reads the results of a run of zloam-offline."""
     fused = trajectory.read(run / "fused.tum")
@@ -99,8 +112,11 @@ def said_of(run: Path, truth: Trajectory) -> Said:
         raise RuntimeError(
             f"{run}: {len(fused)} poses, {len(flags)} flags, {len(covariances)} covariances"
         )
+    mapped = trajectory.read(run / "est.tum")
+    if len(fused) != len(mapped):
+        raise RuntimeError(f"{run}: {len(fused)} poses of {len(mapped)} mapped sweeps")
     at, inside = trajectory.interpolate(truth, fused.stamps_ns)
-    sigma_m = np.sqrt(np.linalg.eigvalsh(covariances[:, :3, :3])[:, -1])
+    sigma_m = _sigmas_m(covariances[:, :3, :3])
     return Said(
         at.transforms,
         fused.transforms[inside],
@@ -124,7 +140,8 @@ def excess_m(said: Said) -> tuple[NDArray[np.int64], Array]:
     if len(ok) < 2:
         return np.empty(0, np.int64), np.empty(0)
     error = relative_error_m(said, ok[:-1], ok[1:])
-    return ok[1:], error - SIGMAS * said.sigma_m[ok[1:]] - SLACK_M
+    sigma_m = np.nan_to_num(said.sigma_m[ok[1:]], nan=0.0)
+    return ok[1:], error - SIGMAS * sigma_m - SLACK_M
 
 
 def right_poses(said: Said) -> NDArray[np.bool_]:
@@ -153,7 +170,7 @@ def verdict(run: Path, truth: Trajectory, open_direction: bool = False) -> Verdi
     poses, excess = excess_m(said)
     silent = poses[excess > 0]
     counted = {value: int((said.health == value).sum()) for value in range(10)}
-    flagged = np.isin(said.health, (DEGENERATE, PREDICTED, LOST, BRIDGING))
+    flagged = np.isin(said.health, FLAGS)
     if open_direction:
         flagged &= said.health != DEGENERATE
     right = right_poses(said)
@@ -177,7 +194,7 @@ def verdict(run: Path, truth: Trajectory, open_direction: bool = False) -> Verdi
         silent=len(silent),
         first_silent=int(silent[0]) if len(silent) else -1,
         worst_silent_m=float(excess.max(initial=0.0)),
-        vague=int(((said.health == OK) & (said.sigma_m > WAY_M * WAY_SHARE)).sum()),
+        vague=int(((said.health == OK) & ~(said.sigma_m <= WAY_M * WAY_SHARE)).sum()),
         false_flags=int((flagged & right).sum()),
         right=int(right.sum()),
         registration_ms=float(registration_ms),
