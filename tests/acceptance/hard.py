@@ -71,7 +71,8 @@ def _odometry_or_flagged(ran: Ran, limit_m: float) -> tuple[float, bool, str]:
     wrong = np.flatnonzero(judge.relative_error_m(said, np.zeros_like(poses), poses) > limit_m)
     # Sweeps without a pose in the truth are at the end, so rows up to there correspond.
     after = health[wrong[0] : wrong[0] + FLAGGED_WITHIN] if len(wrong) else np.empty(0)
-    flagged = bool((after != judge.OK).any())
+    # An incomplete or dropped sweep says nothing of the motion, and NaN nothing at all.
+    flagged = bool(np.isin(after, judge.FLAGS).any())
     held = ran.verdict.odometry_m <= limit_m or flagged
     return ran.verdict.odometry_m, held, " flagged" if flagged else ""
 
