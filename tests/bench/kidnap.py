@@ -153,6 +153,8 @@ def _judged(rows: Path, out: Path) -> Kidnaps:
     with rows.open() as file:
         for row in csv.DictReader(file):
             kidnaps[int(row["kidnap"])].append(row)
+    if sorted(kidnaps) != list(range(KIDNAPS)):
+        raise RuntimeError(f"{rows}: {len(kidnaps)} of {KIDNAPS} kidnappings")
     seen = Kidnaps()
     for sweeps in kidnaps.values():
         ok = [row["health"] in {OK, DEGENERATE} for row in sweeps]
@@ -179,7 +181,7 @@ def _judge(
     off_m = np.linalg.norm(at - truth[:, :3, 3], axis=1)
     apart = np.linalg.norm(truth[:, None, :3, 3] - way[None], axis=2).min(axis=1)
     right = np.flatnonzero(ok & (off_m <= FALSE_M))
-    seen.false += bool((ok & (off_m > FALSE_M)).any())
+    seen.false += bool((ok & ~(off_m <= FALSE_M)).any())  # NaN is wrong, too
     if apart.max() > MAPPED_M:
         return
     seen.mapped += 1
@@ -191,7 +193,7 @@ def _judge(
 
 def _world(setting: BenchSetting, world: World, seed: int) -> Outcome:
     seen = _measured(setting, world, seed)
-    held = seen.false == 0 and seen.outside_found == 0
+    held = seen.false == 0 and seen.outside_found == 0 and seen.outside > 0
     if world.least_found is not None:
         held &= seen.found >= world.least_found * seen.mapped
         held &= percentile(seen.off_m, 95) <= MOST_OFF_M

@@ -161,7 +161,7 @@ def _with_second_reader(setting: BenchSetting, shared_memory: bool) -> Outcome:
     ratios = {
         name: max(f["slow"], FLOOR_MS) / max(f["quick"], FLOOR_MS) for name, f in figures.items()
     }
-    held = max(ratios.values()) <= RATIO_LIMIT and left_out > 0
+    held = all(ratio <= RATIO_LIMIT for ratio in ratios.values()) and left_out > 0
     held = held and read["slow"] == ROUNDS * SLOW_COUNT
     words = ", ".join(
         f"{name[:-3].replace('_', ' ')} {f['slow']:.1f} / {f['quick']:.1f} ms"
