@@ -210,12 +210,12 @@ def _measure(setting: Setting, line: Line) -> Measured:
             binary = setting.build / "tests" / program
             if not binary.exists():
                 raise Skip(f"{binary} is not built")
-            subprocess.run(
+            done = subprocess.run(
                 [binary, f"--gtest_filter={chosen}", f"--gtest_output=xml:{found}"],
                 capture_output=True,
                 check=False,
             )
-            seen.read(found)
+            seen.read_gtest(found, done.returncode, chosen)
     if line.nodes:
         seen.read_pytest(setting, *line.nodes)
     return seen.judged(seen.words())

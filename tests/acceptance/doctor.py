@@ -32,7 +32,9 @@ def _live(setting: Setting, faults: dict[str, Fault], tries: int) -> Measured:
             log.write(said)
     failed = Counter(name.partition("[")[2].rstrip("]") or name for name in seen.failed)
     which = "".join(f"; {name}: {count} not named" for name, count in failed.items())
-    return seen.judged(f"{seen.held} of {len(faults) * tries}{which}")
+    wanted = len(faults) * tries
+    judged = seen.judged(f"{seen.held} of {wanted}{which}")
+    return Measured(judged.figure, judged.held and seen.held == wanted)
 
 
 def _files(setting: Setting) -> Measured:

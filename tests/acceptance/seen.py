@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import tempfile
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
@@ -17,6 +18,8 @@ class Seen:
     """Results of the tests of one check."""
 
     held: int = 0
+    #: names of all tests that were read: of gtest "Suite.Name"
+    names: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
     figures: list[str] = field(default_factory=list)
@@ -30,8 +33,11 @@ class Seen:
             raise RuntimeError(f"{path.stem}: no test of this name")
         for case in cases:
             name = case.get("name", "")
+            self.names.append(f"{case.get('classname', '')}.{name}")
             if case.find("failure") is not None or case.find("error") is not None:
                 self.failed.append(name)
+            elif case.get("status") == "notrun":  # gtest's word for a disabled test
+                self.skipped.append(f"{name}: disabled")
             elif (skipped := case.find("skipped")) is not None:
                 self.skipped.append(f"{name}: {skipped.get('message', 'no reason')}")
             else:
@@ -44,7 +50,24 @@ class Seen:
             found = Path(folder) / "pytest.xml"
             done = setting.python("-m", "pytest", "-q", f"--junitxml={found}", *words)
             self.read(found)
+        self.ended("pytest", done.returncode)
         return done.stdout
+
+    def ended(self, program: str, code: int) -> None:
+        """Refuses the results of a program that did not end as its tests did: it was interrupted,
+        or something beside a test failed."""
+        if code not in (0, 1) or (code == 1 and not self.failed):
+            raise RuntimeError(f"{program} ended with {code}, {len(self.failed)} tests failed")
+
+    def read_gtest(self, path: Path, code: int, chosen: str) -> None:
+        """Adds the results of a gtest program that ran with this filter, of which each part must
+        have chosen a test."""
+        before = len(self.names)
+        self.read(path)
+        self.ended(path.stem, code)
+        for pattern in chosen.split(":"):
+            if not fnmatch.filter(self.names[before:], pattern):
+                raise RuntimeError(f"{path.stem}: no test {pattern}")
 
     def judged(self, figure: str) -> Measured:
         """The verdict: a test that was skipped has shown nothing, whatever the others did."""

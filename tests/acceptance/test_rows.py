@@ -164,16 +164,42 @@ def test_a_skipped_test_holds_no_row(tmp_path: Path) -> None:
     assert seen(tmp_path, "held", "held").judged("2 of 2").held
 
 
+def test_each_part_of_a_filter_chooses_a_test(tmp_path: Path) -> None:
+    cases = '<testcase classname="Gate" name="Opens" status="run"/>'
+    (tmp_path / "unit.xml").write_text(f"<testsuites>{cases}</testsuites>")
+    Seen().read_gtest(tmp_path / "unit.xml", 0, "Gate.*:Gate.Opens")
+    with pytest.raises(RuntimeError, match=r"unit: no test Gate\.Shuts"):
+        Seen().read_gtest(tmp_path / "unit.xml", 0, "Gate.*:Gate.Shuts*")
+
+
+@pytest.mark.parametrize(("kind", "code"), [("held", 2), ("held", 1), ("held", -11), ("failed", 3)])
+def test_tests_that_ended_otherwise_hold_no_row(tmp_path: Path, kind: str, code: int) -> None:
+    with pytest.raises(RuntimeError, match=f"pytest ended with {code}"):
+        Seen().read_pytest(Doctor(tmp_path, tmp_path, tmp_path, kinds=(kind,), code=code))
+
+
+def test_a_disabled_test_holds_no_row(tmp_path: Path) -> None:
+    case = '<testcase classname="Gate" name="DISABLED_Opens" status="notrun"/>'
+    (tmp_path / "unit.xml").write_text(f"<testsuites>{case}</testsuites>")
+    found = Seen()
+    found.read_gtest(tmp_path / "unit.xml", 0, "Gate.*")
+    with pytest.raises(Skip, match="DISABLED_Opens: disabled"):
+        found.judged("")
+
+
 @dataclass
 class Doctor(Setting):
     """A doctor's tests of which these end in these ways."""
 
     kinds: tuple[str, ...] = ()
+    code: int | None = None
 
     def python(self, *arguments: object) -> subprocess.CompletedProcess[str]:
         option = next(str(word) for word in arguments if str(word).startswith("--junitxml="))
         seen(Path(option.partition("=")[2]).parent, *self.kinds)
-        return subprocess.CompletedProcess([], 0, "2 passed\n")
+        failed = int("failed" in self.kinds)
+        code = failed if self.code is None else self.code
+        return subprocess.CompletedProcess([], code, "2 passed\n")
 
 
 def test_faults_that_were_not_made_are_named(tmp_path: Path) -> None:
@@ -182,5 +208,7 @@ def test_faults_that_were_not_made_are_named(tmp_path: Path) -> None:
         found = doctor._live(Doctor(tmp_path, tmp_path, tmp_path, kinds=("held", last)), faults, 3)
         assert found.held == (last == "held")
         assert found.figure == ("6 of 6" if last == "held" else "3 of 6; failed_1: 3 not named")
+    found = doctor._live(Doctor(tmp_path, tmp_path, tmp_path, kinds=("held",)), faults, 3)
+    assert (found.figure, found.held) == ("3 of 6", False)
     with pytest.raises(Skip, match="skipped_1: no tool"):
         doctor._live(Doctor(tmp_path, tmp_path, tmp_path, kinds=("held", "skipped")), faults, 3)
