@@ -41,7 +41,7 @@ def _scans(s: Setting, scene: str) -> Demo:
 
 
 def _scene_ate(s: Setting, scene: str) -> Measured:
-    error = _scans(s, scene).report["references"]["gt_dense.tum"]["pose"]["ate_rmse_m"]
+    error = _scans(s, scene).pose_errors("gt_dense.tum")["ate_rmse_m"]
     return Measured(f"{error:.4f} m", error <= SYNTH_ATE_M[scene])
 
 
@@ -77,9 +77,9 @@ def _scene(s: Setting, scene: str) -> list[Check]:
 
 
 def _world_errors(s: Setting, world: str, seed: int) -> Measured:
-    report = s.world(world, seed).report
+    errors = s.world(world, seed).pose_errors()
     ate_limit, drift_limit = WORLDS[world]
-    ate, drift = report["ate_rmse_m"]["pose"], report["drift_percent"]["pose"]
+    ate, drift = errors["ate_rmse_m"], errors["drift_percent"]
     held = ate <= ate_limit and (drift_limit is None or drift <= drift_limit)
     return Measured(f"ATE {ate:.4f} m, drift {drift:.3f} %", held)
 
@@ -102,7 +102,7 @@ def _in_motion_error(s: Setting, seed: int) -> Measured:
     if not capture.exists():
         write_later_part(whole, capture, IN_MOTION_AFTER_S)
     demo = s.demo(capture.stem, "--pcap", capture, "--truth", truth)
-    error = demo.report["ate_rmse_m"]["pose"]
+    error = demo.pose_errors()["ate_rmse_m"]
     limit, _ = WORLDS["city"]
     return Measured(f"ATE {error:.4f} m", error <= limit)
 
@@ -119,7 +119,7 @@ def _begun_in_motion(s: Setting, seed: int) -> Check:
 
 
 def _drive_ate(s: Setting, reference: str) -> Measured:
-    error = s.kitti().report["references"][reference]["pose"]["ate_rmse_m"]
+    error = s.kitti().pose_errors(reference)["ate_rmse_m"]
     return Measured(f"{error:.4f} m", error <= KITTI_ATE_M)
 
 

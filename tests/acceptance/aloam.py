@@ -38,7 +38,7 @@ def cpu_ms(demo: Demo) -> float:
 
 def _ate(s: Setting, scene: str) -> Measured:
     demo = run(s, scene, "--scans", s.synth_folder(scene))
-    error = demo.report["references"]["gt_dense.tum"]["pose"]["ate_rmse_m"]
+    error = demo.pose_errors("gt_dense.tum")["ate_rmse_m"]
     off = error / ATE_M[scene] - 1.0
     return Measured(f"{error:.3f} m ({off:+.0%}), {cpu_ms(demo):.0f} ms", abs(off) <= WITHIN)
 

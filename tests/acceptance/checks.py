@@ -98,7 +98,7 @@ def _below(figure: float | None, limit: float, unit: str) -> Measured:
 
 
 def _ate(demo: Demo, reference: str, limit: float) -> Measured:
-    return _below(demo.report["references"][reference]["pose"]["ate_rmse_m"], limit, "m")
+    return _below(demo.pose_errors(reference)["ate_rmse_m"], limit, "m")
 
 
 def _city(s: Setting) -> list[Check]:

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
 from tests.acceptance.framework import Check, Measured
-from tests.acceptance.runs import Setting, said_of_poses
+from tests.acceptance.runs import Setting, check_matched, said_of_poses
 from zloam_monitor import evaluation, se3, trajectory
 
 Array = NDArray[np.float64]
@@ -86,6 +86,7 @@ def _errors(s: Setting, world: str, seed: int) -> tuple[Array, Array]:
     compared = evaluation.compare(poses, trajectory.read(s.simulated(world, seed)[1]))
     if compared is None or poses.stamps_ns is None:
         raise RuntimeError("too few poses")
+    check_matched(len(compared.truth), len(poses), world)
     said: NDArray[Any] = said_of_poses(demo)
     cells = [said[f"c{i}{j}"] for i in range(6) for j in range(6)]
     covariances = np.stack(cells, axis=1).reshape(-1, 6, 6)

@@ -126,7 +126,7 @@ def _points(setting: Setting, name: str) -> Measured:
 def _stall(setting: Setting) -> Measured:
     _, truth, _ = _base(setting)
     demo = setting.demo("stall_burst", "--pcap", _case(setting, "stall_burst"), "--truth", truth)
-    ate_m = demo.report["ate_rmse_m"]["pose"]
+    ate_m = demo.pose_errors()["ate_rmse_m"]
     return Measured(f"{ate_m:.3f} m", ate_m < STALL_ATE_M)
 
 

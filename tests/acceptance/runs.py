@@ -20,6 +20,9 @@ from tests.acceptance.framework import Skip
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = Path.home() / ".cache" / "zenoh-loam"
 SYNTH_SEED = 7
+#: Least share of the poses that must have a truth: of the others no error is known. One or two at
+#: the ends of a drive may have none.
+LEAST_MATCHED = 0.98
 
 
 @dataclass
@@ -46,9 +49,25 @@ class Demo:
         found: dict[str, Any] = json.loads(path.read_text())
         return found
 
+    def pose_errors(self, reference: str | None = None) -> dict[str, float]:
+        """Errors of the fused pose against this reference, or against the only one."""
+        known = self.report["references"]
+        name = reference or next(iter(known), "no reference")
+        if len(known) != 1 and reference is None:
+            raise RuntimeError(f"{len(known)} references where one is expected")
+        found: dict[str, Any] = known[name]["pose"]
+        check_matched(found["matched"], found["poses"], name)
+        return found
+
     def last_words(self) -> str:
         lines = [line for line in self.said.splitlines() if line.strip()]
         return " / ".join(lines[-3:])
+
+
+def check_matched(matched: int, poses: int, reference: str) -> None:
+    """Refuses errors that are of a part of the poses only."""
+    if matched < LEAST_MATCHED * poses or not matched:
+        raise RuntimeError(f"only {matched} of {poses} poses have a truth in {reference}")
 
 
 @dataclass

@@ -13,7 +13,7 @@ import yaml
 
 from tests.acceptance.flags import SEEN
 from tests.acceptance.framework import Check, Measured, Skip
-from tests.acceptance.runs import Demo, Setting, said_of_poses
+from tests.acceptance.runs import Demo, Setting, check_matched, said_of_poses
 from tests.hokuyo import simulated
 from tests.hokuyo.simulated import Session
 from zloam_monitor import evaluation, se3, trajectory
@@ -61,7 +61,9 @@ def _scores(demo: Demo, session: Session) -> tuple[evaluation.Scores, float]:
     truth = trajectory.read(session.truth)
     # Not from the first to the last pose: poses that are missing at the end count.
     rate = 1e9 * len(found) / float(truth.stamps_ns[-1] - truth.stamps_ns[0])
-    return evaluation.evaluate(found, truth), rate
+    scores = evaluation.evaluate(found, truth)
+    check_matched(scores.matched, scores.poses, session.truth.name)
+    return scores, rate
 
 
 def _drives(
@@ -97,6 +99,7 @@ def _silent(setting: Setting, world: str) -> Measured:
         demo, session = _drive(setting, world, seed, with_imu=False)
         found = trajectory.read(demo.results / "trajectory.tum")
         at, inside = trajectory.interpolate(trajectory.read(session.truth), found.stamps_ns)
+        check_matched(int(inside.sum()), len(found), session.truth.name)
         truth, estimate = at.transforms, found.transforms[inside]
         first, last = np.arange(len(truth))[:-STRETCH_POSES], np.arange(len(truth))[STRETCH_POSES:]
         true_way = se3.inverse(truth[first]) @ truth[last]

@@ -36,8 +36,8 @@ def path(factor: float, poses: int = 400) -> Trajectory:
     return Trajectory(transforms, stamps_ns, np.arange(poses))
 
 
-def write_results(out: Path, poses: Trajectory) -> None:
-    """The files of a demo, with poses that hold each limit."""
+def write_results(out: Path, poses: Trajectory, matched: int = 400) -> None:
+    """The files of a demo, with poses that hold each limit; so many of them have a truth."""
     out.mkdir(parents=True, exist_ok=True)
     trajectory.write_tum(out / "trajectory.tum", poses)
     cells = [f"c{i}{j}" for i in range(6) for j in range(6)]
@@ -47,9 +47,9 @@ def write_results(out: Path, poses: Trajectory) -> None:
     rows = [[*map(str, (n, t, 0, 0, 0, 0, 0)), *covariance] for n, t in enumerate(poses.stamps_ns)]
     lines = [",".join(row) for row in [[*columns, *cells], *rows]]
     (out / "poses.csv").write_text("\n".join(lines) + "\n")
-    errors = {"ate_rmse_m": {"pose": 0.0}, "drift_percent": {"pose": 0.0}}
-    of_scene = {"gt_dense.tum": {"pose": {"ate_rmse_m": 0.0}}}
-    (out / "report.json").write_text(json.dumps({**errors, "references": of_scene}))
+    errors = {"ate_rmse_m": 0.0, "drift_percent": 0.0, "poses": len(poses), "matched": matched}
+    references = {"gt_dense.tum": {"pose": errors}}
+    (out / "report.json").write_text(json.dumps({"references": references}))
 
 
 @dataclass
@@ -59,18 +59,21 @@ class Fake(Setting):
 
     code: int = 0
     poses: int | None = 400
+    #: poses of the truth
+    known: int = 400
     calls: list[str] = field(default_factory=list)
 
     def python(self, *arguments: object) -> subprocess.CompletedProcess[str]:
         words = [str(word) for word in arguments]
         self.calls.append(" ".join(words))
         if self.poses is not None:
-            write_results(Path(words[words.index("--out") + 1]), path(RIGHT, self.poses))
+            out = Path(words[words.index("--out") + 1])
+            write_results(out, path(RIGHT, self.poses), self.known)
         return subprocess.CompletedProcess(words, self.code, "a stage has died\n")
 
     def simulated(self, world: str, seed: int) -> tuple[Path, Path]:
         capture, truth = self.out / "world.pcap", self.out / "world.tum"
-        trajectory.write_tum(truth, path(RIGHT))
+        trajectory.write_tum(truth, path(RIGHT, self.known))
         trajectory.write_tum(capture.with_suffix(".kiss.tum"), path(1.01))
         return capture, truth
 
@@ -104,6 +107,14 @@ def test_a_demo_that_failed_holds_no_row(tmp_path: Path, name: str, poses: int |
 @pytest.mark.parametrize("name", [row for row in (*ROWS, *ROWS_OF_REPORT) if "nees" not in row])
 def test_a_demo_that_ended_well_holds_them(tmp_path: Path, name: str) -> None:
     assert result_of(Fake(tmp_path, tmp_path, tmp_path), name).verdict == framework.HELD
+
+
+@pytest.mark.parametrize("name", [row for row in (*ROWS, *ROWS_OF_REPORT) if "flags" not in row])
+def test_an_error_of_a_part_of_the_poses_holds_no_row(tmp_path: Path, name: str) -> None:
+    """As of poses with wrong stamps, of which only a few lie within the truth."""
+    found = result_of(Fake(tmp_path, tmp_path, tmp_path, known=350), name)
+    assert found.verdict == framework.NOT_HELD
+    assert "only 350 of 400 poses have a truth" in found.figure
 
 
 def test_no_file_of_an_earlier_demo_is_left(tmp_path: Path) -> None:

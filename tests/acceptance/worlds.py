@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.acceptance.framework import Check, Measured, Skip
-from tests.acceptance.runs import Setting
+from tests.acceptance.runs import Setting, check_matched
 from zloam_monitor import evaluation, se3, trajectory
 from zloam_monitor.evaluation import Compared
 from zloam_monitor.trajectory import Trajectory
@@ -124,10 +124,15 @@ def _truth(s: Setting, world: str, seed: int) -> Trajectory:
 def _ate_m(s: Setting, world: str, seed: int, *, imu: bool, late_ms: float = 0.0) -> float:
     demo = s.world(world, seed, imu=imu, late_ms=late_ms)
     poses = trajectory.read(demo.results / "trajectory.tum")
-    found = evaluation.evaluate(poses, _truth(s, world, seed)).ate_rmse_m
-    if found is None:
+    return _whole_ate_m(poses, _truth(s, world, seed), world)
+
+
+def _whole_ate_m(poses: Trajectory, truth: Trajectory, world: str) -> float:
+    scores = evaluation.evaluate(poses, truth)
+    check_matched(scores.matched, scores.poses, world)
+    if scores.ate_rmse_m is None:
         raise RuntimeError("too few poses")
-    return found
+    return scores.ate_rmse_m
 
 
 def _beside_itself(s: Setting, world: str, seed: int) -> Measured:
@@ -145,6 +150,7 @@ def _compared(s: Setting, world: str, seed: int, *, imu: bool = False) -> Compar
     compared = evaluation.compare(poses, _truth(s, world, seed))
     if compared is None:
         raise RuntimeError("too few poses")
+    check_matched(len(compared.truth), len(poses), world)
     return compared
 
 
@@ -174,9 +180,7 @@ def _beside_kiss(s: Setting, world: str, seed: int) -> Measured:
     truth = _truth(s, world, seed)
     with_imu = world in WITH_IMU
     ours = _ate_m(s, world, seed, imu=with_imu)
-    kiss = evaluation.evaluate(_kiss_trajectory(s, world, seed), truth).ate_rmse_m
-    if kiss is None:
-        return Measured("no figure", False)
+    kiss = _whole_ate_m(_kiss_trajectory(s, world, seed), truth, world)
     without = f" (without: {_ate_m(s, world, seed, imu=False):.4f} m)" if with_imu else ""
     return Measured(f"{ours:.4f} m{without}, KISS-ICP {kiss:.4f} m", ours <= kiss)
 
