@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.acceptance.framework import Skip
 from tests.acceptance.point_files import DECODED_POINT, SYNTH_POINT
 from tests.bench import framework
-from tests.bench.versus import data, peer, score, summary, systems, table, turned
+from tests.bench.setting import BenchSetting
+from tests.bench.versus import data, peer, rows, score, summary, systems, table, turned
 from zloam_monitor import trajectory
 from zloam_monitor.trajectory import Trajectory
 
@@ -178,6 +180,35 @@ def test_who_is_better_in_both_is_named_and_only_that() -> None:
     ]
     found = summary.systems_of(rounds)
     assert summary.ratios_of(found, rounds)["beaten_by"] == ["small-gicp"]
+
+
+def session_of(found: summary.Round) -> rows.Session:
+    """A session that has measured one seed of each scene once, with these figures."""
+    session = rows.Session(BenchSetting(Path(), Path(), Path()), rows.Options())
+    for name in (f"{scene}-7" for scene in data.SCENES):
+        session.found[name] = summary.systems_of([found])
+        session.ratios[name] = summary.ratios_of(session.found[name], [found])
+    return session
+
+
+def test_rows_are_not_held_by_peers_that_did_not_run() -> None:
+    ours, kiss, aloam = entry(0.02, 20.0), entry(0.9, 50.0), entry(0.5, 90.0)
+    kept = {**kiss, "cpu_ms_per_sweep": None}
+    not_installed = {"skipped": "not installed"}
+    cases: list[tuple[summary.Round, bool | None, bool | None]] = [
+        ({"zloam": ours, "kiss-icp": kiss, "a-loam": aloam}, True, True),
+        ({"zloam": ours, "kiss-icp": kiss, "a-loam": not_installed}, True, None),
+        ({"zloam": ours, "kiss-icp": kept, "a-loam": not_installed}, None, None),
+        ({"zloam": ours, "kiss-icp": entry(0.01, 5.0)}, False, False),
+    ]
+    for found, beaten, cpu in cases:
+        session = session_of(found)
+        assert rows._beaten(session).held == beaten
+        if found["kiss-icp"].get("cpu_ms_per_sweep") is None:
+            with pytest.raises(Skip, match="no peer was run"):
+                rows._cpu(session)
+        else:
+            assert rows._cpu(session).held == cpu
 
 
 def test_a_peer_that_did_not_run_has_a_reason_and_no_figure() -> None:

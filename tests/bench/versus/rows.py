@@ -228,6 +228,8 @@ def _cpu(session: Session) -> Outcome:
     words = f"{number(mean)} × kiss-icp"
     words += f", worst {number(other[worst])} × a-loam ({worst})" if worst else ""
     held: bool | None = mean <= CPU_TO_KISS and all(r <= CPU_TO_ALOAM for r in other.values())
+    if held and not other:
+        held, words = None, f"{words}; not judged: a-loam was not run"
     if not set(data.SCENES) <= set(over["scene"]):
         # The mean is defined over all scenes.
         held, words = None, f"{words}; not judged: {', '.join(over['scene']) or 'no scene'} only"
@@ -238,7 +240,12 @@ def _beaten(session: Session) -> Outcome:
     _over_sets(session)
     by = {name: r["beaten_by"] for name, r in session.ratios.items() if r["beaten_by"]}
     words = "; ".join(f"{name}: {', '.join(peers)}" for name, peers in by.items())
-    return Outcome(words or "on none", {"beaten_by": by}, not by)
+    alone = [name for name, of in session.found.items() if not summary.comparable(of)]
+    held: bool | None = not by
+    if held and alone:
+        # With errors only, as kept ones, or without a peer, nobody can be better in both.
+        held, words = None, f"on none; not judged: no peer's error and CPU on {', '.join(alone)}"
+    return Outcome(words or "on none", {"beaten_by": by, "alone": alone}, held)
 
 
 def _whole(session: Session) -> Outcome:

@@ -91,6 +91,13 @@ def best_peer(systems: dict[str, Entry], name: str) -> str | None:
     return min(known, key=lambda s: known[s]) if known else None
 
 
+def comparable(systems: dict[str, Entry]) -> list[str]:
+    """The peers of which both error and CPU time are known beside ours."""
+    both = ("ate_rmse_m", "cpu_ms_per_sweep")
+    known = [s for s, e in systems.items() if all(e.get(name) is not None for name in both)]
+    return [s for s in known if s != OURS] if OURS in known else []
+
+
 def _beats(theirs: Entry, ours: Entry) -> bool:
     """Whether a peer is better than ours in both error and CPU time."""
     pairs = [(theirs.get(n), ours.get(n)) for n in ("ate_rmse_m", "cpu_ms_per_sweep")]
