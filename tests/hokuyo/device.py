@@ -19,6 +19,8 @@ from tests.hokuyo import peer
 COUNTER_MS, FIRST_LINE_S = 1_000_000, 0.0176
 #: A scan that could not be sent for this long, since nobody was connected, is dropped.
 LATE_S = 0.5
+#: only limits the time of a test that fails
+PATIENCE_S = 60.0
 
 
 def encoded(value: int, characters: int) -> bytes:
@@ -85,10 +87,16 @@ class Device:
 
     @property
     def began(self) -> float:
-        """Monotonic time at which the session's first line is sent; waits until it is known."""
-        while self._began is None:
-            time.sleep(0.005)
+        """Monotonic time at which the session's first line is sent."""
+        assert self._began is not None
         return self._began
+
+    def until_begun(self) -> None:
+        """After begin(): waits until the driver measures, and so `began` is known."""
+        ends = time.monotonic() + PATIENCE_S
+        while self._began is None:
+            assert time.monotonic() < ends, f"nobody measures; asked: {self.commands}"
+            time.sleep(0.005)
 
     def _since_on(self) -> float:
         if self._on is None:

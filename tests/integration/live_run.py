@@ -162,6 +162,14 @@ class LiveRun:
 
     def __enter__(self) -> LiveRun:
         self.chain.__enter__()
+        try:
+            self._begin()
+        except BaseException:
+            self.chain.close()  # What was not entered is not left either.
+            raise
+        return self
+
+    def _begin(self) -> None:
         if self._store:
             self.chain.processes.start("store", self._store, self.out / "store.log")
             self._until(lambda: self.chain.link.stage("store") is not None)
@@ -171,7 +179,6 @@ class LiveRun:
         self._note(keys.odometry_features, "OdometryFeatures", self.odometry_commits)
         self._subscribers.append(link_time(self.chain, self.pose_times_s))
         self._sender.start()
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.chain.close()
