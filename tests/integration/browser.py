@@ -45,7 +45,12 @@ class Browser:
         self._count = 0
         #: errors that the page reported
         self.errors: list[str] = []
-        self._socket = connect(self._page(url), max_size=None, legacy=True)
+        try:
+            self._socket = connect(self._page(url), max_size=None, legacy=True)
+        except BaseException:
+            self._process.kill()
+            self._process.wait()
+            raise
         for domain in ("Runtime", "Log", "Page"):
             self.call(f"{domain}.enable")
         self.call(

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from tests.acceptance import live
-from tests.integration.conftest import ROOT, Capture, digests, kill, monitor, until
+from tests.integration.conftest import PATIENCE_S, ROOT, Capture, digests, kill, monitor, until
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.keys import topic_of
@@ -134,22 +134,26 @@ def run_live(
         chain.wait_linked()
         link = chain.link
         reader = SlowReader(chain.base_port, link.keys.below("**"), logs) if slow else None
-        while reader and reader.seen() == 0:  # statuses are published all the time
-            link.poll(0.1)
-        sender = threading.Thread(
-            target=live.send, args=(capture.pcap, port, LIVE_SECONDS, LIVE_SLOWER)
-        )
-        sender.start()
-        while sender.is_alive():
-            link.poll(0.2)
-            chain.processes.check()
-        ends = time.monotonic() + live.AFTER_SECONDS
-        while time.monotonic() < ends:
-            link.poll(0.2)
-        seen = reader.seen() if reader else 0
-        link.query_statuses()
-        if reader:
-            reader.close()
+        try:
+            deadline = time.monotonic() + PATIENCE_S
+            while reader and reader.seen() == 0:  # statuses are published all the time
+                assert time.monotonic() < deadline, "the slow reader reads nothing"
+                link.poll(0.1)
+            sender = threading.Thread(
+                target=live.send, args=(capture.pcap, port, LIVE_SECONDS, LIVE_SLOWER)
+            )
+            sender.start()
+            while sender.is_alive():
+                link.poll(0.2)
+                chain.processes.check()
+            ends = time.monotonic() + live.AFTER_SECONDS
+            while time.monotonic() < ends:
+                link.poll(0.2)
+            seen = reader.seen() if reader else 0
+            link.query_statuses()
+        finally:
+            if reader:
+                reader.close()
         chain.stop()
         statuses = chain.statuses()
         # Published poses count, not those that arrived here: the monitor's own link does not

@@ -132,7 +132,9 @@ def test_an_interrupt_ends_the_recording(tmp_path: Path, source: Path) -> None:
         ends = time.monotonic() + 30.0
         # The first scan is whole when the bytes of two are there.
         while not (log.exists() and log.stat().st_size > 2 * len(scan(0))):
-            assert time.monotonic() < ends
+            if time.monotonic() > ends:
+                recorder.kill()  # Otherwise its end would be waited for.
+                pytest.fail(recorder.communicate()[1])
             time.sleep(0.1)
         recorder.send_signal(signal.SIGINT)
         _, said = recorder.communicate()

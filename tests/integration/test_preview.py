@@ -3,6 +3,7 @@ within the rate of a thin link."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import subprocess
@@ -209,11 +210,12 @@ def test_a_thin_page_shows_it_and_says_what_to_start(
     build: Path, robot_file: Path, capture: Capture, tmp_path: Path
 ) -> None:
     chain = chain_of(build, robot_file, capture.pcap, tmp_path, beside=("preview",))
-    with chain:
+    integration = chain.base_port + PORT_ORDER.index("integration")
+    endpoint = f"tcp/127.0.0.1:{integration}"
+    with chain, contextlib.ExitStack() as left:
         until(chain, chain.finished)
         robot = chain.link.keys.robot
-        endpoint = f"tcp/127.0.0.1:{chain.base_port + PORT_ORDER.index('integration')}"
-        page = Program("web", "--thin", "--port", 0, "--connect", endpoint)
+        page = left.enter_context(Program("web", "--thin", "--port", 0, "--connect", endpoint))
         url = page.find(r"(http://127\.0\.0\.1:\d+)/")
 
         def state() -> Any:

@@ -76,13 +76,15 @@ def live(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live
             [ROOT / "bin/zloam", *map(str, words)], stdout=log, stderr=log, env=environment
         ) as process,
     ):
-        deadline = time.monotonic() + 120
-        while "poses/s" not in (out / "log").read_text():
-            assert process.poll() is None, (out / "log").read_text()
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
-        yield run
-        process.terminate()
+        try:
+            deadline = time.monotonic() + 120
+            while "poses/s" not in (out / "log").read_text():
+                assert process.poll() is None, (out / "log").read_text()
+                assert time.monotonic() < deadline
+                time.sleep(0.1)
+            yield run
+        finally:
+            process.terminate()
 
 
 def test_the_endpoint_is_printed(live: Live) -> None:
@@ -153,18 +155,21 @@ def test_figures_for_prometheus(live: Live) -> None:
     words = [str(ROOT / "bin/zloam"), "metrics", "--connect", live.endpoint, "--port", "0"]
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment) as process:
-        assert process.stdout is not None
-        said = ""
-        while "/metrics" not in said:
-            said = process.stdout.readline()
-            assert said, "it ended"
-        ends, page = time.monotonic() + PATIENCE_S, ""
-        while not has_all(page, live.robot) and time.monotonic() < ends:
-            with urllib.request.urlopen(said.split()[-1], timeout=5) as answer:
-                page = answer.read().decode()
-            time.sleep(0.2)
-        process.send_signal(signal.SIGINT)
-        assert process.wait(PATIENCE_S) == 0
+        try:
+            assert process.stdout is not None
+            said = ""
+            while "/metrics" not in said:
+                said = process.stdout.readline()
+                assert said, "it ended"
+            ends, page = time.monotonic() + PATIENCE_S, ""
+            while not has_all(page, live.robot) and time.monotonic() < ends:
+                with urllib.request.urlopen(said.split()[-1], timeout=5) as answer:
+                    page = answer.read().decode()
+                time.sleep(0.2)
+            process.send_signal(signal.SIGINT)
+            assert process.wait(PATIENCE_S) == 0
+        finally:
+            process.kill()  # Otherwise it would be waited for without end.
     assert has_all(page, live.robot), page
 
 

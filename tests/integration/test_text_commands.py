@@ -87,8 +87,10 @@ def own_network() -> Iterator[int]:
     ) as process:
         if process.stdout.readline() != "up\n":
             pytest.skip(f"no network of one's own: {process.communicate()[1].strip()}")
-        yield process.pid
-        process.kill()
+        try:
+            yield process.pid
+        finally:
+            process.kill()
 
 
 def furnish(folder: Path, build: Path, keeper: int) -> Checkout:

@@ -94,11 +94,14 @@ def test_sweeps_from_a_program_of_your_own(
     with chain:
         given = [endpoint, robot.robot, robot.sensor, str(SWEEPS)]
         with subprocess.Popen([*command, *given], env=environment) as stranger:
-            deadline = time.monotonic() + PATIENCE_S
-            while len(chain.link.poses) < SWEEPS and time.monotonic() < deadline:
-                chain.link.poll(0.2)
-                chain.check()
-            assert stranger.wait(PATIENCE_S) == 0
+            try:
+                deadline = time.monotonic() + PATIENCE_S
+                while len(chain.link.poses) < SWEEPS and time.monotonic() < deadline:
+                    chain.link.poll(0.2)
+                    chain.check()
+                assert stranger.wait(PATIENCE_S) == 0
+            finally:
+                stranger.kill()
         poses = list(chain.link.poses.values())
     assert [pose.sweep for pose in poses] == list(range(SWEEPS))
     driven_m = np.array([pose.translation[0] for pose in poses])

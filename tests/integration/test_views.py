@@ -34,7 +34,7 @@ SAID_WITHIN_S = 120.0
 
 
 class Program:
-    """A running `zloam ...`, until it is ended."""
+    """A running `zloam ...`, until it is ended; within `with`, also by a test that fails."""
 
     def __init__(self, *arguments: object, **environment: str) -> None:
         self.process = subprocess.Popen(
@@ -62,6 +62,14 @@ class Program:
             too_long.cancel()
         raise AssertionError(f"{pattern} was not said:\n{self.said}")
 
+    def __enter__(self) -> Program:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.communicate()
+
     def end(self) -> tuple[int, str]:
         self.process.send_signal(signal.SIGINT)
         rest, _ = self.process.communicate(timeout=120)
@@ -72,22 +80,22 @@ class Program:
 def robot(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Endpoint of a robot that drives round a block."""
     out = tmp_path_factory.mktemp("drive")
-    driving = Program(
+    with Program(
         *("demo", "--preset-dir", build, "--out", out / "out", "--rate", "realtime"),
         f"--simulate=--duration={DRIVE_SECONDS}",
         ZLOAM_FREE_PORTS="1",
-    )
-    yield driving.find(r"listens on tcp/(\S+)")
-    driving.process.terminate()
-    driving.process.communicate(timeout=60)
+    ) as driving:
+        yield driving.find(r"listens on tcp/(\S+)")
+        driving.process.terminate()
+        driving.process.communicate(timeout=60)
 
 
 def test_foxglove_shows_it_live(robot: str, page: str) -> None:
     """Over Foxglove's protocol, decoded by the code that Foxglove publishes with its schemas."""
     until(lambda: has_driven(page))
-    server = Program("foxglove", "--connect", robot, "--port", 0)
-    assert_foxglove_shows_the_drive(server.find(r"(ws://127\.0\.0\.1:\d+)"))
-    code, said_all = server.end()
+    with Program("foxglove", "--connect", robot, "--port", 0) as server:
+        assert_foxglove_shows_the_drive(server.find(r"(ws://127\.0\.0\.1:\d+)"))
+        code, said_all = server.end()
     assert code == 0, said_all
 
 
@@ -119,18 +127,18 @@ def test_rerun_s_file_has_everything(robot: str, tmp_path: Path) -> None:
 def test_rerun_serves_a_browser_on_this_machine_only(robot: str, tmp_path: Path) -> None:
     """Nor does it write into the user's own settings."""
     port = free_port()
-    viewer = Program(
+    with Program(
         *("view", "--connect", robot, "--web", "--port", port), XDG_CONFIG_HOME=str(tmp_path)
-    )
-    page = viewer.find(r"(http://\S+);")
-    assert page.startswith(f"http://127.0.0.1:{port}/?url=")
-    answer = urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=30)
-    assert b"re_viewer" in answer.read()
-    listening = Path("/proc/net/tcp").read_text().splitlines()[1:]
-    own = [line.split()[1] for line in listening if f":{port:04X}" in line.split()[1]]
-    assert own
-    assert all(each.startswith("0100007F:") for each in own)
-    code, said = viewer.end()
+    ) as viewer:
+        page = viewer.find(r"(http://\S+);")
+        assert page.startswith(f"http://127.0.0.1:{port}/?url=")
+        answer = urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=30)
+        assert b"re_viewer" in answer.read()
+        listening = Path("/proc/net/tcp").read_text().splitlines()[1:]
+        own = [line.split()[1] for line in listening if f":{port:04X}" in line.split()[1]]
+        assert own
+        assert all(each.startswith("0100007F:") for each in own)
+        code, said = viewer.end()
     assert code == 0, said
     assert not (tmp_path / "rerun").exists()
 
@@ -140,21 +148,21 @@ def test_rerun_s_page_is_shown_elsewhere_too(robot: str) -> None:
     or by any host name."""
     for address, host in (("0.0.0.0", "127.0.0.1"), ("127.0.0.2", "127.0.0.2")):
         port = free_port()
-        viewer = Program(
+        with Program(
             *("view", "--connect", robot, "--web", "--port", port), "--address", address
-        )
-        assert viewer.find(r"(http://\S+)[ ;]").startswith(f"http://{host}:{port}/?url=")
-        assert rerun_lets_in(f"http://{host}:{port + 1}", f"http://robot.lan:{port}")
-        assert not rerun_lets_in(f"http://{host}:{port + 1}", "http://robot.lan")
-        code, said = viewer.end()
+        ) as viewer:
+            assert viewer.find(r"(http://\S+)[ ;]").startswith(f"http://{host}:{port}/?url=")
+            assert rerun_lets_in(f"http://{host}:{port + 1}", f"http://robot.lan:{port}")
+            assert not rerun_lets_in(f"http://{host}:{port + 1}", "http://robot.lan")
+            code, said = viewer.end()
         assert code == 0, said
 
 
 @pytest.fixture(scope="module")
 def page(robot: str) -> Iterator[str]:
-    server = Program("web", "--connect", robot, "--port", 0)
-    yield server.find(r"(http://\S+)/ shows robot")
-    code, said = server.end()
+    with Program("web", "--connect", robot, "--port", 0) as server:
+        yield server.find(r"(http://\S+)/ shows robot")
+        code, said = server.end()
     assert code == 0, said
 
 
@@ -212,12 +220,12 @@ def test_the_page_in_a_browser(page: str, tmp_path: Path, width: int, height: in
 
 
 def test_a_page_whose_server_is_gone_says_so(robot: str, tmp_path: Path) -> None:
-    server = Program("web", "--connect", robot, "--port", 0)
-    url = server.find(r"(http://\S+)/ shows robot")
-    with Browser(url, tmp_path / "profile", 390, 844) as browser:
-        browser.wait_for("document.getElementById('health').textContent === 'ok'")
-        assert server.end()[0] == 0
-        browser.wait_for("document.getElementById('connection').textContent.includes('is old')")
+    with Program("web", "--connect", robot, "--port", 0) as server:
+        url = server.find(r"(http://\S+)/ shows robot")
+        with Browser(url, tmp_path / "profile", 390, 844) as browser:
+            browser.wait_for("document.getElementById('health').textContent === 'ok'")
+            assert server.end()[0] == 0
+            browser.wait_for("document.getElementById('connection').textContent.includes('is old')")
 
 
 @pytest.mark.parametrize("command", ["foxglove", "web", "view", "record"])
