@@ -6,7 +6,7 @@ import functools
 import json
 
 from tests.acceptance.framework import Check, Measured, Skip
-from tests.acceptance.runs import SYNTH_SEED, Demo, Setting, write_later_part
+from tests.acceptance.runs import SYNTH_SEED, Demo, Setting, is_newer, write_later_part
 
 #: position error (m) of the better of A-LOAM's two runs on the same scans
 SYNTH_ATE_M = {"city": 0.176, "indoor": 0.249, "fastrot": 0.129, "tunnel": 1.0}
@@ -99,7 +99,7 @@ def _world(s: Setting, world: str, seed: int) -> Check:
 def _in_motion_error(s: Setting, seed: int) -> Measured:
     whole, truth = s.simulated("city", seed)
     capture = whole.with_stem(f"{whole.stem}-in_motion")
-    if not capture.exists():
+    if not is_newer(capture, whole):
         write_later_part(whole, capture, IN_MOTION_AFTER_S)
     demo = s.demo(capture.stem, "--pcap", capture, "--truth", truth)
     error = demo.pose_errors()["ate_rmse_m"]

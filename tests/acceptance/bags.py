@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.acceptance.framework import Check, Measured
-from tests.acceptance.runs import Demo, Setting
+from tests.acceptance.runs import Demo, Setting, is_newer
 from tests.recordings import variants
 from tests.recordings.variants import CONTAINERS, PLAIN, READABLE, REFUSED, Scan
 from zloam_monitor import trajectory
@@ -71,8 +71,8 @@ def _folder(s: Setting) -> Path:
 
 def _capture(s: Setting) -> Path:
     path = _folder(s) / "capture.pcap"
-    if not path.exists():
-        program = s.build / "bin" / "zloam-simulator"
+    program = s.build / "bin" / "zloam-simulator"
+    if not is_newer(path, program):
         words = ["--world", "city", "--seed", "3", "--duration", str(SECONDS), "--quiet"]
         files = ["--out", str(path), "--truth", str(path.with_suffix(".tum"))]
         subprocess.run([program, *files, *words], check=True)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.acceptance.framework import Check, Measured
-from tests.acceptance.runs import Setting
+from tests.acceptance.runs import Setting, is_newer
 from zloam_monitor.chain import binary
 
 SECONDS = 600
@@ -211,9 +211,10 @@ def _measure(setting: Setting) -> Measured:
     folder = setting.out / "accept" / "faults"
     folder.mkdir(parents=True, exist_ok=True)
     clean, faulty = folder / "clean.pcap", folder / "faulty.pcap"
-    if not clean.exists():
+    simulator = binary(setting.build, "simulator")
+    if not is_newer(clean, simulator):
         (folder / "yard.yaml").write_text(WORLD)
-        command = [binary(setting.build, "simulator"), "--world", folder / "yard.yaml", "--quiet"]
+        command = [simulator, "--world", folder / "yard.yaml", "--quiet"]
         subprocess.run(
             [str(c) for c in (*command, "--duration", SECONDS, "--out", clean)], check=True
         )

@@ -16,7 +16,7 @@ import numpy as np
 
 from tests.acceptance.faults import RECORD
 from tests.acceptance.framework import Check, Measured, Skip
-from tests.acceptance.runs import Setting
+from tests.acceptance.runs import Setting, is_newer
 from zloam_monitor.chain import binary
 
 SECONDS, SEED = 24, 3
@@ -79,8 +79,9 @@ def _base(setting: Setting) -> tuple[Path, Path, Path]:
     folder = setting.out / "accept" / "inputs"
     folder.mkdir(parents=True, exist_ok=True)
     capture, truth = folder / "base.pcap", folder / "base.tum"
-    if not capture.exists():
-        command = [binary(setting.build, "simulator"), "--world", "city", "--seed", SEED, "--quiet"]
+    simulator = binary(setting.build, "simulator")
+    if not is_newer(capture, simulator):
+        command = [simulator, "--world", "city", "--seed", SEED, "--quiet"]
         command += ["--duration", SECONDS, "--truth", truth, "--out", capture]
         subprocess.run([str(c) for c in command], check=True)
     return capture, truth, folder

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.acceptance.framework import Check, Measured, Skip
-from tests.acceptance.runs import ROOT, Setting
+from tests.acceptance.runs import ROOT, Setting, is_newer
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.records import StatusRecord
@@ -58,12 +58,13 @@ def checks(setting: Setting) -> list[Check]:
 
 
 def capture(s: Setting) -> Path:
-    """The packets of all laps, without a stop in between; created once."""
+    """The packets of all laps, without a stop in between; created once by each build."""
     packets = s.out / "accept" / "worlds" / f"city-{SEED}-laps.pcap"
-    if not packets.exists():
+    simulator = s.build / "bin" / "zloam-simulator"
+    if not is_newer(packets, simulator):
         packets.parent.mkdir(parents=True, exist_ok=True)
         part = packets.with_suffix(".part")
-        command = [str(s.build / "bin" / "zloam-simulator"), "--world", "city", "--seed", str(SEED)]
+        command = [str(simulator), "--world", "city", "--seed", str(SEED)]
         options = ["--laps", str(LAPS), "--out", str(part), "--quiet"]
         done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
         if done.returncode != 0:

@@ -25,6 +25,14 @@ SYNTH_SEED = 7
 LEAST_MATCHED = 0.98
 
 
+def is_newer(made: Path, *than: Path) -> bool:
+    """Whether a file is there and as new as what it was made from or by. Files of an earlier build
+    are made again: otherwise the worlds of an older simulator would be judged."""
+    if not made.exists():
+        return False
+    return all(made.stat().st_mtime >= each.stat().st_mtime for each in than if each.exists())
+
+
 @dataclass
 class Demo:
     """A demo that has ended."""
@@ -124,15 +132,17 @@ class Setting:
         return self._demos[name]
 
     def simulated(self, world: str, seed: int) -> tuple[Path, Path]:
-        """Capture and true lidar trajectory of a world (a name or a .yaml file), simulated once."""
+        """Capture and true lidar trajectory of a world (a name or a .yaml file), simulated once by
+        each build."""
         folder = self.out / "accept" / "worlds"
         folder.mkdir(parents=True, exist_ok=True)
         stem = f"{Path(world).stem}-{seed}"
         capture, truth = folder / f"{stem}.pcap", folder / f"{stem}.tum"
-        if not (capture.exists() and truth.exists() and _readings(capture).exists()):
-            simulator = self.build / "bin" / "zloam-simulator"
-            if not simulator.exists():
-                raise Skip(f"{simulator} is not built")
+        simulator = self.build / "bin" / "zloam-simulator"
+        if not simulator.exists():
+            raise Skip(f"{simulator} is not built")
+        of = (simulator, ROOT / world) if world.endswith(".yaml") else (simulator,)
+        if not all(is_newer(made, *of) for made in (capture, truth, _readings(capture))):
             files = ["--out", str(capture), "--truth", str(truth)]
             files += ["--imu", str(_readings(capture))]
             subprocess.run(
@@ -188,13 +198,15 @@ def _readings(capture: Path) -> Path:
 
 def write_later_part(capture: Path, out: Path, after_s: float) -> None:
     """Writes the packets from `after_s` after the first one on to another pcap."""
-    with capture.open("rb") as source, out.open("wb") as sink:
+    part = out.with_suffix(".part")
+    with capture.open("rb") as source, part.open("wb") as sink:
         later = dpkt.pcap.Writer(sink)
         began_s = None
         for stamp_s, packet in dpkt.pcap.Reader(source):
             began_s = stamp_s if began_s is None else began_s
             if stamp_s - began_s >= after_s:
                 later.writepkt(packet, stamp_s)
+    part.replace(out)
 
 
 def said_of_poses(demo: Demo) -> NDArray[Any]:

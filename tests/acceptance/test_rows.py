@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from tests.acceptance import accuracy, benches, consistency, doctor, flags, framework, worlds
 from tests.acceptance.framework import Check, Result, Skip
-from tests.acceptance.runs import Setting
+from tests.acceptance.runs import Setting, is_newer
 from tests.acceptance.seen import Seen
 from tests.integration.robot_faults import FAULTS
 from zloam_monitor import trajectory
@@ -115,6 +116,16 @@ def test_an_error_of_a_part_of_the_poses_holds_no_row(tmp_path: Path, name: str)
     found = result_of(Fake(tmp_path, tmp_path, tmp_path, known=350), name)
     assert found.verdict == framework.NOT_HELD
     assert "only 350 of 400 poses have a truth" in found.figure
+
+
+def test_what_an_older_program_made_is_made_again(tmp_path: Path) -> None:
+    program, made = tmp_path / "program", tmp_path / "made"
+    program.touch()
+    assert not is_newer(made, program)
+    made.touch()
+    assert is_newer(made, program)
+    os.utime(program, ns=(2 * made.stat().st_mtime_ns,) * 2)
+    assert not is_newer(made, program)
 
 
 def test_no_file_of_an_earlier_demo_is_left(tmp_path: Path) -> None:

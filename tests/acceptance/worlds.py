@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.acceptance.framework import Check, Measured, Skip
-from tests.acceptance.runs import Setting, check_matched
+from tests.acceptance.runs import Setting, check_matched, is_newer
 from zloam_monitor import evaluation, se3, trajectory
 from zloam_monitor.evaluation import Compared
 from zloam_monitor.trajectory import Trajectory
@@ -159,7 +159,7 @@ def _kiss_trajectory(s: Setting, world: str, seed: int) -> Trajectory:
     beside them."""
     capture, _ = s.simulated(world, seed)
     found = capture.with_suffix(".kiss.tum")
-    if not found.exists():
+    if not is_newer(found, capture):
         decoded = capture.with_suffix(".points")
         decoder = s.build / "bin" / "zloam-decode"
         try:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.acceptance.runs import Setting
+from tests.acceptance.runs import Setting, is_newer
 from zloam_monitor.chain import binary
 
 #: length of the capture; the live benchmark sends 40 s of it
@@ -30,9 +30,10 @@ class BenchSetting(Setting):
         return cls(here.build, here.out, here.shared)
 
     def capture(self) -> Path:
-        """The first part of the simulated city loop, with its payloads beside it; created once."""
+        """The first part of the simulated city loop, with its payloads beside it; created once by
+        each build."""
         capture = self.out / "capture.pcap"
-        if not capture.exists():
+        if not is_newer(capture, binary(self.build, "simulator")):
             self.out.mkdir(parents=True, exist_ok=True)
             simulate(self.build, CAPTURE_SECONDS, "--out", capture, "--bin", self.payloads())
         return capture
