@@ -12,7 +12,7 @@ import numpy as np
 import velodyne_decoder
 from numpy.typing import NDArray
 
-from tests.acceptance.runs import ROOT, Setting
+from tests.acceptance.runs import ROOT, Setting, ended_well
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.robot_file import names
@@ -58,7 +58,7 @@ def through_the_chain(setting: Setting, source: Source, name: str) -> Sweeps:
             chain.link.poll(0.2)
             chain.check()
         chain.link.query_statuses()
-        chain.stop()
+        ended_well(chain)
         driver = chain.link.stage("driver")
         poses = chain.link.trajectory()
         listener.undeclare()

@@ -20,6 +20,8 @@ ATTACK = "tests/attack/test_attack.py"
 OUTPUTS = "tests/integration/test_live_outputs.py"
 RESTART = "tests/integration/test_restart.py"
 MONITOR = "services/monitor/tests"
+#: as ctest's limit (cmake/options.cmake); many tests wait for what must come
+UNIT_TEST_S = 300.0
 PLAIN = "the pose goes on, counted by reason"
 
 
@@ -214,6 +216,7 @@ def _measure(setting: Setting, line: Line) -> Measured:
                 [binary, f"--gtest_filter={chosen}", f"--gtest_output=xml:{found}"],
                 capture_output=True,
                 check=False,
+                timeout=UNIT_TEST_S,
             )
             seen.read_gtest(found, done.returncode, chosen)
     if line.nodes:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.acceptance.framework import Check, Measured, Skip
-from tests.acceptance.runs import ROOT, Setting, is_newer
+from tests.acceptance.runs import ROOT, Setting, ended_well, is_newer
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.records import StatusRecord
@@ -103,7 +103,7 @@ def _history(build: Path, packets: Path, out: Path) -> History:
                 _note(chain.link.stage(stage), found[stage])
             if time.monotonic() > ends:
                 raise RuntimeError(f"not done after {LONGEST_S:.0f} s")
-        chain.stop()
+        ended_well(chain)
     return found
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.acceptance.decoded import udp_payloads
-from tests.acceptance.runs import ROOT, Setting
+from tests.acceptance.runs import ROOT, Setting, ended_well
 from zloam_monitor import report
 from zloam_monitor.chain import Chain
 from zloam_monitor.report import Run
@@ -80,7 +80,7 @@ def run(setting: Setting, name: str = "live") -> dict[str, Any]:
         while time.monotonic() < ends:
             chain.link.poll(0.2)
         chain.link.query_statuses()
-        codes = chain.stop()
+        codes = ended_well(chain)
         seen = Run.heard(chain.link, time.monotonic() - began, codes)
     found = report.build(seen)
     report.write(out / "report.json", found)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.acceptance.framework import Skip
+from zloam_monitor.chain import Chain
 
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = Path.home() / ".cache" / "zenoh-loam"
@@ -23,6 +24,14 @@ SYNTH_SEED = 7
 #: Least share of the poses that must have a truth: of the others no error is known. One or two at
 #: the ends of a drive may have none.
 LEAST_MATCHED = 0.98
+
+
+def ended_well(chain: Chain) -> dict[str, int]:
+    """Ends the stages of a chain; refuses the results of one of which a stage died or failed."""
+    codes = chain.stop()
+    if any(codes.values()):
+        raise RuntimeError(f"the stages ended with {codes}")
+    return codes
 
 
 def is_newer(made: Path, *than: Path) -> bool:
