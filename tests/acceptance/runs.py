@@ -126,6 +126,17 @@ class Setting:
             check=False,
         )
 
+    def kiss(self, *arguments: object) -> dict[str, Any]:
+        """The summary of a run of KISS-ICP (tests/acceptance/kiss.py)."""
+        done = self.python("-m", "tests.acceptance.kiss", *arguments)
+        if done.returncode != 0:
+            said = f"KISS-ICP did not run: {done.stdout.strip()[-200:]}"
+            # Only where it is not installed: it may also fail because of the sweeps that it got.
+            missing = "No module named 'kiss_icp" in said
+            raise Skip(said) if missing else RuntimeError(said)
+        found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+        return found
+
     def demo(self, name: str, *arguments: object) -> Demo:
         """Runs `make demo` with these options, once; its log lies beside its files."""
         if name not in self._demos:

@@ -118,6 +118,24 @@ def test_an_error_of_a_part_of_the_poses_holds_no_row(tmp_path: Path, name: str)
     assert "only 350 of 400 poses have a truth" in found.figure
 
 
+@dataclass
+class Peer(Setting):
+    """A KISS-ICP that ends with 1 after these words."""
+
+    said: str = ""
+
+    def python(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.CompletedProcess([], 1, self.said)
+
+
+def test_a_peer_is_passed_over_only_where_it_is_not_installed(tmp_path: Path) -> None:
+    missing = "ModuleNotFoundError: No module named 'kiss_icp'\n"
+    with pytest.raises(Skip, match="kiss_icp"):
+        Peer(tmp_path, tmp_path, tmp_path, said=missing).kiss(tmp_path)
+    with pytest.raises(RuntimeError, match="no numbers"):
+        Peer(tmp_path, tmp_path, tmp_path, said="ValueError: no numbers\n").kiss(tmp_path)
+
+
 def test_what_an_older_program_made_is_made_again(tmp_path: Path) -> None:
     program, made = tmp_path / "program", tmp_path / "made"
     program.touch()

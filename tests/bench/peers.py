@@ -5,16 +5,13 @@ from __future__ import annotations
 
 from tests.acceptance.checks import ALGORITHMS
 from tests.bench.framework import Benchmark, Outcome
-from tests.bench.setting import BenchSetting, json_of
+from tests.bench.setting import BenchSetting
 
 
 def _measure(setting: BenchSetting) -> Outcome:
     per_stage = setting.synth().report["cpu_ms_per_sweep"]
     stages = {stage: float(per_stage[stage]) for stage in ALGORITHMS}
-    done = setting.python("-m", "tests.acceptance.kiss", setting.synth_folder())
-    if done.returncode != 0:
-        raise RuntimeError(f"KISS-ICP did not run: {done.stdout.strip()[-200:]}")
-    kiss = float(json_of(done.stdout)["cpu_ms_per_sweep"])
+    kiss = float(setting.kiss(setting.synth_folder())["cpu_ms_per_sweep"])
     ours = sum(stages.values())
     words = ", ".join(f"{stage} {ms:.1f}" for stage, ms in stages.items())
     return Outcome(
