@@ -12,7 +12,7 @@ import numpy as np
 import velodyne_decoder
 from numpy.typing import NDArray
 
-from tests.acceptance.runs import ROOT, Setting, ended_well
+from tests.acceptance.runs import ROOT, Setting, ended_well, own_outputs
 from zloam_monitor import messages, sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.robot_file import names
@@ -40,10 +40,9 @@ def through_the_chain(setting: Setting, source: Source, name: str) -> Sweeps:
     """Replays a recording and receives the sweeps as any third party could."""
     config = ROOT / source.config
     robot = names(config, [])
-    logs = setting.out / "accept" / name / "logs"
-    chain = Chain(
-        setting.build, config, robot.robot, source.driver_settings("max"), logs, robot.sensor
-    )
+    out = setting.out / "accept" / name
+    settings = [*source.driver_settings("max"), *own_outputs(out)]
+    chain = Chain(setting.build, config, robot.robot, settings, out / "logs", robot.sensor)
     kept: dict[int, NDArray[Any]] = {}
 
     def keep(sample: Any) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.acceptance.decoded import udp_payloads
-from tests.acceptance.runs import ROOT, Setting, ended_well
+from tests.acceptance.runs import ROOT, Setting, ended_well, own_outputs
 from zloam_monitor import report
 from zloam_monitor.chain import Chain
 from zloam_monitor.report import Run
@@ -67,6 +67,7 @@ def run(setting: Setting, name: str = "live") -> dict[str, Any]:
     robot = names(config, [])
     settings = ["driver.source=udp", f"driver.port={port}", "driver.position_port=0"]
     out = setting.out / "accept" / name
+    settings += own_outputs(out)
     chain = Chain(setting.build, config, robot.robot, settings, out / "logs", robot.sensor)
     with chain:
         chain.wait_linked()

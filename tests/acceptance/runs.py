@@ -26,6 +26,14 @@ SYNTH_SEED = 7
 LEAST_MATCHED = 0.98
 
 
+def own_outputs(out: Path) -> list[str]:
+    """Settings by which a chain writes into this folder, emptied before: in the stages' default
+    folder they would find, and go on with, what an earlier run left."""
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+    return [f"integration.output_dir={out}", f"mapping.map_path={out / 'map.pcd'}"]
+
+
 def ended_well(chain: Chain) -> dict[str, int]:
     """Ends the stages of a chain; refuses the results of one of which a stage died or failed."""
     codes = chain.stop()
