@@ -21,16 +21,18 @@ using test::odometry;
 TEST(FusedCovariance, AGuessAcrossAGapIsUncertainByIt) {
   Integrator integrator{IntegrationConfig{}};
   integrator.add(odometry(0, false));
-  integrator.add(correction(0, along(1.0)));
-  const auto before = integrator.add(odometry(1, false)).at(0);
-  OdometryPose restarted = odometry(21, false, 1);
+  integrator.add(odometry(1, false));
+  integrator.add(correction(1, along(1.0)));
+  integrator.add(odometry(2, false));
+  const auto before = integrator.add(odometry(3, false)).at(0);
+  OdometryPose restarted = odometry(23, false, 1);
   restarted.T_odom_base = Pose::Identity();
   const auto bridged = integrator.add(restarted).at(0);
   // Two seconds at an acceleration of 2 m/s^2.
   EXPECT_NEAR(std::sqrt(bridged.covariance(0, 0)), 4.0, 0.01);
   EXPECT_GT(bridged.covariance(0, 0), before.covariance(0, 0) + 16.0);
   EXPECT_NEAR(std::sqrt(bridged.covariance(5, 5)), 0.6, 0.01);
-  restarted.sweep = 22;
+  restarted.sweep = 24;
   EXPECT_GE(integrator.add(restarted).at(0).covariance(0, 0), bridged.covariance(0, 0))
       << "until a correction comes";
 }
@@ -38,18 +40,19 @@ TEST(FusedCovariance, AGuessAcrossAGapIsUncertainByIt) {
 TEST(FusedCovariance, GrowsWithTheOdometrySinceTheCorrection) {
   Integrator integrator{IntegrationConfig{}};
   integrator.add(odometry(0, false));
-  integrator.add(correction(0, Pose::Identity()));
-  const auto one = integrator.add(odometry(1, false)).at(0);
+  integrator.add(odometry(1, false));
+  integrator.add(correction(1, Pose::Identity()));
+  const auto one = integrator.add(odometry(2, false)).at(0);
   const double step_m = IntegrationConfig{}.step_scale_m;
   const double step = step_m * step_m * 1e-4;
   // Along x the rotation error has no effect: 4e-4 of the correction plus the steps.
   EXPECT_NEAR(one.covariance(0, 0), 4e-4 + step, 1e-12);
   // Across, the correction's rotation error acts over the 0.5 m driven since.
   EXPECT_NEAR(one.covariance(1, 1), 4e-4 + step + 0.25 * 4e-4, 1e-12);
-  const auto two = integrator.add(odometry(2, false)).at(0);
+  const auto two = integrator.add(odometry(3, false)).at(0);
   EXPECT_NEAR(two.covariance(0, 0), 4e-4 + 2.0 * step, 1e-12);
-  integrator.add(correction(2, Pose::Identity()));
-  EXPECT_NEAR(integrator.add(odometry(3, false)).at(0).covariance(0, 0), 4e-4 + step, 1e-12);
+  integrator.add(correction(3, Pose::Identity()));
+  EXPECT_NEAR(integrator.add(odometry(4, false)).at(0).covariance(0, 0), 4e-4 + step, 1e-12);
 }
 
 // The odometry was right to a millimetre for 20 sweeps; then the map puts a sweep off_m beside it,

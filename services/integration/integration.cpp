@@ -77,6 +77,7 @@ void Integrator::new_run() {
   newest_pose_.reset();
   corrected_ns_.reset();
   contradiction_m_.setZero();
+  own_motion_.forget_motion();
   waiting_.clear();
   corrections_.clear();
   recent_.clear();
@@ -84,6 +85,7 @@ void Integrator::new_run() {
 
 void Integrator::restore(const OdometryPose& pose, const Pose& T_map_base) {
   reset();
+  own_motion_.forget_motion();
   newest_pose_ = pose.sweep;
   first_epoch_ = pose.odom_epoch;
   last_odometry_ = pose;
@@ -99,6 +101,7 @@ std::vector<std::uint64_t> Integrator::state() const {
   kept.mapped_ = mapped_;
   kept.contradiction_m_ = contradiction_m_;
   kept.steps_ = steps_;
+  kept.own_motion_ = own_motion_;
   kept.last_odometry_ = last_odometry_;
   kept.last_fused_ = last_fused_;
   kept.last_T_map_odom_ = last_T_map_odom_;
@@ -271,8 +274,8 @@ Weak Integrator::weak_of(const OdometryPose& pose, const Correction& correction)
 // odometry counts only as far as it increases the covariance of the pose.
 Weak Integrator::judged(const OdometryPose& pose, const Correction* correction,
                         const Matrix6& covariance) const {
-  if (correction == nullptr) return pose.weak;
-  if (correction->weak.degenerate) return weak_of(pose, *correction);
+  if (correction == nullptr && pose.weak.degenerate) return pose.weak;
+  if (correction != nullptr && correction->weak.degenerate) return weak_of(pose, *correction);
   Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> position;
   position.computeDirect(Eigen::Matrix3d(covariance.topLeftCorner<3, 3>()));
   const double worst_m = std::sqrt(std::max(0.0, position.eigenvalues()[2]));
@@ -352,6 +355,16 @@ Matrix6 Integrator::contradiction_at(const OdometryPose& pose, const Correction*
   return covariance;
 }
 
+// A step that nothing explains may be an acceleration without example or an error of its own size,
+// which is then the bound of three sigmas.
+Matrix6 Integrator::own_motion_at(const FusedPose& fused) {
+  const Eigen::Vector3d off_m =
+      own_motion_.unexplained_m(fused.instant_ns, fused.T_map_base, fused.covariance);
+  Matrix6 covariance = Matrix6::Zero();
+  covariance.topLeftCorner<3, 3>() = off_m * off_m.transpose() / 9.0;
+  return covariance;
+}
+
 // Before the first correction the age counts from the run's first pose, which is as certain as the
 // map's frame itself.
 bool Integrator::old(const OdometryPose& pose, const Correction* correction) {
@@ -367,7 +380,10 @@ bool Integrator::old(const OdometryPose& pose, const Correction* correction) {
 
 FusedPose Integrator::fuse(const OdometryPose& pose) {
   const Correction* correction = correction_for(pose);
-  if (!recent_.empty() && recent_.back().odom_epoch != pose.odom_epoch) recent_.clear();
+  if (!recent_.empty() && recent_.back().odom_epoch != pose.odom_epoch) {
+    recent_.clear();
+    own_motion_.forget_motion();
+  }
   recent_.push_back(pose);
   FusedPose fused;
   fused.sweep = pose.sweep;
@@ -376,13 +392,20 @@ FusedPose Integrator::fuse(const OdometryPose& pose) {
   fused.covariance = covariance_at(pose, correction);
   place(pose, correction, fused);
   fused.covariance += contradiction_at(pose, correction);
+  const Matrix6 without_own_motion = fused.covariance;
+  fused.covariance += own_motion_at(fused);
   fused.has_correction = correction != nullptr;
   fused.correction_sweep = correction != nullptr ? correction->sweep : 0;
   fused.weak = judged(pose, correction, fused.covariance);
   fused.health = health_of(pose, correction, fused.weak);
+  // The way to or from a pose that nothing measured is not a motion that was seen.
+  const bool unmatched = correction != nullptr && !is_located(correction->health);
+  if (unmatched || !is_located(fused.health)) own_motion_.forget_motion();
   if (!first_epoch_) first_epoch_ = pose.odom_epoch;
   last_odometry_ = pose;
   last_fused_ = fused;
+  // It is the doubt about one step: the next step confirms it, or is doubted itself.
+  last_fused_->covariance = without_own_motion;
   forget();
   return fused;
 }

@@ -25,6 +25,7 @@
 #include "common/geometry/health.hpp"
 #include "common/geometry/se3.hpp"
 #include "integration/config.hpp"
+#include "integration/own_motion.hpp"
 #include "integration/step_fusion.hpp"
 
 namespace zloam::integration {
@@ -155,13 +156,14 @@ class Integrator {
   Matrix6 covariance_after_break(const OdometryPose& pose) const;
   Matrix6 covariance_at(const OdometryPose& pose, const Correction* correction);
   Matrix6 contradiction_at(const OdometryPose& pose, const Correction* correction) const;
+  Matrix6 own_motion_at(const FusedPose& fused);
   /// The map has not corrected the pose for long: the pose depends on the odometry alone.
   bool old(const OdometryPose& pose, const Correction* correction);
   void forget();
   template <class Bits>
   void each(Bits& bits) {
-    bits(recent_, corrections_, mapped_, contradiction_m_, steps_, last_odometry_, last_fused_,
-         last_T_map_odom_, first_epoch_, corrected_ns_);
+    bits(recent_, corrections_, mapped_, contradiction_m_, steps_, own_motion_, last_odometry_,
+         last_fused_, last_T_map_odom_, first_epoch_, corrected_ns_);
   }
 
   IntegrationConfig config_;
@@ -173,6 +175,7 @@ class Integrator {
   /// of mapped_: StepFusion::contradiction_m()
   Eigen::Vector3d contradiction_m_ = Eigen::Vector3d::Zero();
   StepFusion steps_;
+  OwnMotion own_motion_;
   std::optional<OdometryPose> last_odometry_;
   std::optional<FusedPose> last_fused_;
   std::optional<Pose> last_T_map_odom_;

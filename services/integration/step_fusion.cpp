@@ -1,8 +1,9 @@
 #include "integration/step_fusion.hpp"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
+
+#include "integration/contradiction.hpp"
 
 namespace zloam::integration {
 namespace {
@@ -18,10 +19,6 @@ constexpr int kFewest = 5;
 // Lower limit of both errors: smaller ones cannot be told from errors of the mapped poses.
 constexpr double kFloor_m = 0.001;
 constexpr double kFloor_rad = 0.0002;
-
-// Limit of the squared Mahalanobis distance between the map's step and the odometry's: 99 % are below
-// if both covariances are right (chi-squared with three degrees of freedom).
-constexpr double kContradiction = 11.34;
 
 bool is_break(const Vector6& error) {
   // Written so that NaN is a break.
@@ -65,8 +62,7 @@ Eigen::Vector3d StepFusion::contradiction_m(const Pose& mapped_step,
   const Eigen::Vector3d error_m = log_se3(odometry_step.inverse() * mapped_step).head<3>();
   const Eigen::Matrix3d expected = mapped_covariance.topLeftCorner<3, 3>() +
                                    double(sweeps) * double(sweeps) * odometry_.translation();
-  const double squared = error_m.dot(expected.ldlt().solve(error_m));
-  return squared > kContradiction ? error_m : Eigen::Vector3d::Zero();
+  return contradiction(error_m, expected);
 }
 
 Pose StepFusion::step(const Pose& odometry_step, const Weak& weak, double over_s,

@@ -1,0 +1,58 @@
+#include "integration/own_motion.hpp"
+
+#include <cmath>
+#include <utility>
+
+#include "integration/contradiction.hpp"
+
+namespace zloam::integration {
+namespace {
+
+// A larger change in one step is a discontinuity of the pose, not a motion to learn from.
+constexpr double kBreak_m = 2.0;
+
+}  // namespace
+
+void OwnMotion::forget_motion() {
+  last_.reset();
+  velocity_mps_.reset();
+  begins_ = false;
+}
+
+// Learns the change of velocity over a step; the change in position that nothing so far explains.
+Eigen::Vector3d OwnMotion::judged_m(const Eigen::Vector3d& change_mps, double over_s,
+                                    const Eigen::Matrix3d& covariance_m2) {
+  const Eigen::Vector3d change_m = change_mps * over_s;
+  const Eigen::Matrix3d explained_m2 =
+      covariance_m2 + std::pow(over_s, 4) * accelerations_.translation();
+  // A sensor that is in motion when it starts has not accelerated.
+  if (!std::exchange(begins_, false) && change_m.norm() < kBreak_m) {
+    Vector6 acceleration = Vector6::Zero();
+    acceleration.head<3>() = change_mps / over_s;
+    accelerations_.add(acceleration);
+  }
+  return contradiction(change_m, explained_m2);
+}
+
+Eigen::Vector3d OwnMotion::unexplained_m(std::int64_t instant_ns, const Pose& T_map_base,
+                                         const Matrix6& covariance) {
+  const Last now{instant_ns, T_map_base, covariance.topLeftCorner<3, 3>()};
+  const std::optional<Last> before = std::exchange(last_, now);
+  if (!before) return Eigen::Vector3d::Zero();
+  const double over_s = 1e-9 * static_cast<double>(instant_ns - before->instant_ns);
+  if (!(over_s > 0.0)) {
+    forget_motion();
+    return Eigen::Vector3d::Zero();
+  }
+  const Pose step = before->T_map_base.inverse() * T_map_base;
+  const Eigen::Matrix3d R_now_before = step.linear().transpose();
+  const Eigen::Vector3d velocity_mps = R_now_before * step.translation() / over_s;
+  std::optional<Eigen::Vector3d> expected_mps = std::exchange(velocity_mps_, velocity_mps);
+  if (begins_) expected_mps.emplace(Eigen::Vector3d::Zero());
+  if (!expected_mps) return Eigen::Vector3d::Zero();
+  return judged_m(
+      velocity_mps - R_now_before * *expected_mps, over_s,
+      now.covariance_m2 + R_now_before * before->covariance_m2 * R_now_before.transpose());
+}
+
+}  // namespace zloam::integration
