@@ -102,6 +102,8 @@ void RosStage::wire() {
   options.ends_run = false;
   stage_.inlet<msg::MapPose>(Key::kMapOdometry, options, [this](const auto& m) { take_mapped(m); });
   stage_.on_new_run([this](const msg::Header& first) { new_run(first); });
+  // Live, a busy machine drops tiles; no later ones replace the last.
+  stage_.on_end_of_run([this](std::uint64_t) { all_tiles_.want(); });
   stage_.every(kLook, [this] { say_points(); });
   stage_.every(kSecond, [this] {
     say_path();

@@ -30,10 +30,17 @@ zenoh::Config session_config(const RosConfig& config) {
   return c;
 }
 
+// Zenoh queues each priority by itself. While a message waits for room, it holds the queue of its
+// priority: clouds, which never wait, have one of their own.
+zenoh::Priority priority_of(const Qos& qos, Size size) {
+  if (size == Size::kSmall) return zenoh::Priority::kData;
+  return qos.best_effort ? zenoh::Priority::kBackground : zenoh::Priority::kDataLow;
+}
+
 zenoh::PublisherOptions options_of(const Qos& qos, Size size, zenoh::CongestionControl when_full) {
   zenoh::PublisherOptions options;
   options.congestion_control = when_full;
-  options.priority = size == Size::kLarge ? zenoh::Priority::kDataLow : zenoh::Priority::kData;
+  options.priority = priority_of(qos, size);
   options.reliable = !qos.best_effort;
   return options;
 }
@@ -54,10 +61,21 @@ Publication::Publication(zenoh::Session& session, const NodeNames& node, int ent
       token_(session.declare_liveliness_token(
           topic_token(node, EntityKind::kPublisher, entity, topic))) {
   if (!topic.qos.best_effort) {
-    replay_ = session.declare_publisher(
+    waiting_ = session.declare_publisher(
         key_, options_of(topic.qos, size, zenoh::CongestionControl::kBlock));
   }
-  if (topic.qos.transient_local) keep_the_last(session, node.zid, entity);
+  if (!topic.qos.transient_local) return;
+  keep_the_last(session, node.zid, entity);
+  newest_.emplace([this](const NewestSender::Message& m) { put_waiting(m); },
+                  [&session] { session.close(); });
+}
+
+// Fails when the session is closed, and so at the end only.
+void Publication::put_waiting(const NewestSender::Message& message) {
+  try {
+    waiting_->put(message.first, message.second);
+  } catch (const zenoh::ZenohError&) {
+  }
 }
 
 void Publication::keep_the_last(zenoh::Session& session, const std::string& zid, int entity) {
@@ -81,7 +99,11 @@ void Publication::put(Cdr message, std::int64_t source_ns, bool replay) {
     const std::lock_guard lock(last_->mutex);
     last_->message = {payload, beside};
   }
-  zenoh::Publisher& publisher = replay && replay_ ? *replay_ : live_;
+  if (newest_) {
+    newest_->send({payload, beside});
+    return;
+  }
+  zenoh::Publisher& publisher = replay && waiting_ ? *waiting_ : live_;
   publisher.put(payload, beside);
 }
 

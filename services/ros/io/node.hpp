@@ -12,11 +12,11 @@
 #include "common/zenoh/zenoh.hpp"
 #include "ros/cdr.hpp"
 #include "ros/graph.hpp"
+#include "ros/io/newest_sender.hpp"
 
 namespace zloam::ros {
 
-/// Zenoh queues each priority by itself: clouds and maps that fill their queue on the way to a slow
-/// node displace no poses.
+/// Large messages that fill their queue on the way to a slow node displace no poses.
 enum class Size : std::uint8_t { kSmall, kLarge };
 
 /// A topic that this node publishes. put() from one thread.
@@ -28,27 +28,31 @@ class Publication {
   /// Whether the topic has a subscriber now.
   bool matching() const { return live_.matching(); }
   /// Live, a slow ROS node must not block the robot: messages that it has no room for are dropped.
-  /// In a replay, those of reliable topics wait for it.
+  /// In a replay, those of reliable topics wait for it. The newest message of a transient-local topic
+  /// always arrives: it waits for the node on a thread of its own.
   void put(Cdr message, std::int64_t source_ns, bool replay);
 
  private:
   /// The last message, for late subscribers of a transient-local topic.
   struct Last {
     std::mutex mutex;
-    std::optional<std::pair<zenoh::Bytes, zenoh::Bytes>> message;  // payload, attachment
+    std::optional<NewestSender::Message> message;
   };
   void keep_the_last(zenoh::Session& session, const std::string& zid, int entity);
+  void put_waiting(const NewestSender::Message& message);
 
   std::string key_;
   Gid gid_;
   zenoh::Publisher live_;
-  /// reliable topics only
-  std::optional<zenoh::Publisher> replay_;
+  /// for messages that wait for slow nodes; reliable topics only
+  std::optional<zenoh::Publisher> waiting_;
   zenoh::LivelinessToken token_;
   std::shared_ptr<Last> last_;
   std::optional<zenoh::Queryable> history_;
   std::optional<zenoh::LivelinessToken> history_token_;
   std::int64_t number_ = 0;
+  /// of a transient-local topic; ends before the publisher that it uses
+  std::optional<NewestSender> newest_;
 };
 
 class Node {
