@@ -162,7 +162,8 @@ def _aliased(setting: BenchSetting, world: str) -> Outcome:
     ]
     false, loops = sum(d.false for d in drives), sum(d.loops for d in drives)
     found, revisits = sum(d.found for d in drives), sum(d.revisits for d in drives)
-    worst = max(d.ratio for d in drives)
+    # Unlike max(), it keeps NaN, wherever that stands.
+    worst = float(np.max([d.ratio for d in drives]))
     figure = (
         f"{false} of {loops} loops false, {found} of {revisits} revisits, ATE at most {worst:.3f} ×"
     )

@@ -61,3 +61,16 @@ def test_a_drive_without_a_revisit_shows_nothing_of_loops(
     monkeypatch.setattr(graph, "_drive", lambda *_: seen)
     assert graph._town(setting, 1, poor=True).held == (revisits > 0)
     assert graph._aliased(setting, "equal_houses").held == (revisits > 0)
+
+
+@pytest.mark.parametrize("at", [None, 0, 1])
+def test_an_error_that_is_no_number_holds_nothing(
+    setting: BenchSetting, monkeypatch: pytest.MonkeyPatch, at: int | None
+) -> None:
+    drives = [
+        Seen(0.4, float("nan") if i == at else 0.1, 40, found=40, loops=40, false=0, cpu_ms=5.0)
+        for i in range(len(graph.ALIASED_SEEDS))
+    ]
+    left = iter(drives)
+    monkeypatch.setattr(graph, "_drive", lambda *_: next(left))
+    assert graph._aliased(setting, "equal_houses").held == (at is None)
