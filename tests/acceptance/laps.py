@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.acceptance.framework import Check, Measured, Skip
-from tests.acceptance.runs import ROOT, Setting, ended_well, is_newer
+from tests.acceptance.runs import ROOT, Setting, ended_well, is_newer, own_outputs
 from zloam_monitor import sources
 from zloam_monitor.chain import Chain
 from zloam_monitor.records import StatusRecord
@@ -88,11 +88,7 @@ def _histories(build: Path, packets: Path, out: Path) -> list[History]:
 def _history(build: Path, packets: Path, out: Path) -> History:
     config = ROOT / "deploy/robots/vlp16-outdoor.yaml"
     robot = names(config, [])
-    settings = [
-        *sources.from_pcap(packets).driver_settings("max"),
-        f"integration.output_dir={out}",
-        f"mapping.map_path={out / 'map.pcd'}",
-    ]
+    settings = [*sources.from_pcap(packets).driver_settings("max"), *own_outputs(out)]
     found: History = {stage: [] for stage in STAGES}
     ends = time.monotonic() + LONGEST_S
     with Chain(build, config, robot.robot, settings, out / "logs", robot.sensor) as chain:
