@@ -87,6 +87,7 @@ void GraphStage::begin(std::uint64_t map_id) {
 CurrentMap GraphStage::current_map() const {
   CurrentMap map{map_id_, std::nullopt};
   if (!path_.empty()) map.newest_pose_ns = path_.back().instant_ns;
+  map.starts_late = starts_late_ || !graph_.nodes().empty();
   return map;
 }
 
@@ -104,7 +105,7 @@ bool GraphStage::follow_map(const PoseMessage& pose) {
 }
 
 void GraphStage::take_early() {
-  for (const SubmapMessage& submap : std::exchange(early_, {})) take(submap);
+  for (const SubmapMessage& submap : std::exchange(early_, {})) add_submap(submap);
 }
 
 // Mapping's path goes on when the driver is restarted, and then it has sweep numbers twice: poses
@@ -165,7 +166,7 @@ void GraphStage::catch_up(const msg::Header& first) {
   if (!has_missed(first)) return;
   starts_late_ = true;
   const std::vector<SubmapMessage> submaps = recall_submaps(first);
-  for (const SubmapMessage& submap : submaps) take(submap);
+  for (const SubmapMessage& submap : submaps) add_submap(submap);
   // The last submap of an earlier run in this map does not end this run.
   submaps_end_ = std::ranges::any_of(submaps, [&](const SubmapMessage& submap) {
     return submap.end_of_run() && submap.run() == first.run();
@@ -188,25 +189,30 @@ void GraphStage::note_recalled(const SubmapMessage& first) {
   stage_.degraded("recall", text);
 }
 
-void GraphStage::take(const SubmapMessage& message) {
+void GraphStage::add_submap(const SubmapMessage& message) {
   const Membership of_map =
       membership_of_submap(current_map(), message.header().map_id(), message->instant_ns());
   if (of_map == Membership::kEarly) return early_.push_back(message);
   const bool is_known =
       !graph_.nodes().empty() && message->instant_ns() <= graph_.nodes().back().instant_ns;
-  if (of_map == Membership::kCurrent && structs_of(message->points()).size() > 0 && !is_known) {
-    if (std::exchange(starts_late_, false)) note_recalled(message);
-    const double begin_ms = 1e-6 * static_cast<double>(stage_.now_ns());
-    const Submap submap = submap_of(*message);
-    const Update update = graph_.add(submap);
-    stage_.latency("submap", 1e-6 * static_cast<double>(stage_.now_ns()) - begin_ms);
-    points_.add(submap.points);
-    const bool missing = !config_.output_dir.empty() && !points_.complete();
-    stage_.degraded("points", missing ? points_missing() : "");
-    publish(message, update);
-    unsaved_ = true;
-    is_lost_ = false;
-  }
+  if (of_map == Membership::kPast || structs_of(message->points()).size() == 0 || is_known) return;
+  if (std::exchange(starts_late_, false)) note_recalled(message);
+  const double begin_ms = 1e-6 * static_cast<double>(stage_.now_ns());
+  const Submap submap = submap_of(*message);
+  const Update update = graph_.add(submap);
+  stage_.latency("submap", 1e-6 * static_cast<double>(stage_.now_ns()) - begin_ms);
+  points_.add(submap.points);
+  const bool missing = !config_.output_dir.empty() && !points_.complete();
+  stage_.degraded("points", missing ? points_missing() : "");
+  publish(message, update);
+  unsaved_ = true;
+  is_lost_ = false;
+}
+
+void GraphStage::take(const SubmapMessage& message) {
+  add_submap(message);
+  // Counted as it comes, also of a submap that waits for its map: once that begins, the run may be
+  // another one, which this submap does not end.
   if (message.end_of_run()) {
     submaps_end_ = true;
     note_end(message.header());

@@ -36,7 +36,7 @@ class GraphStage {
   /// Begins a new graph when mapping has begun a new map. False: the pose is a late one of the map
   /// before.
   bool follow_map(const PoseMessage& pose);
-  /// Takes the submaps whose map has begun meanwhile.
+  /// Adds the submaps whose map has begun meanwhile.
   void take_early();
   /// Requests poses and submaps of the map so far, for a graph that was started in the middle of a
   /// run.
@@ -47,6 +47,8 @@ class GraphStage {
   std::vector<SubmapMessage> recall_submaps(const msg::Header& first);
   /// first: the first submap of a graph that starts in the middle of a drive, recalled or new.
   void note_recalled(const SubmapMessage& first);
+  /// Adds a submap of the current map to the graph; one of a map that has not begun waits.
+  void add_submap(const SubmapMessage& message);
   void take(const SubmapMessage& message);
   void take(const PoseMessage& message);
   void note_end(const msg::Header& header);

@@ -22,6 +22,8 @@ struct CurrentMap {
   std::uint64_t id = 0;
   /// nothing: no pose has come yet
   std::optional<std::int64_t> newest_pose_ns;
+  /// it had begun before the graph was started: it has submaps, or is to get those of before
+  bool starts_late = false;
 
   bool is_past(std::int64_t instant_ns) const {
     return newest_pose_ns && instant_ns <= *newest_pose_ns;
@@ -35,10 +37,12 @@ inline Membership membership_of_pose(const CurrentMap& map, std::uint64_t map_id
   return map.is_past(instant_ns) ? Membership::kPast : Membership::kBegins;
 }
 
-/// A submap ends no map: poses of this map may still be queued.
+/// A submap ends no map: poses of this map may still be queued. Nor does one begin a map, also not
+/// that of a run whose first message it is: the run's first poses may be of a map before it.
 inline Membership membership_of_submap(const CurrentMap& map, std::uint64_t map_id,
                                        std::int64_t instant_ns) {
-  if (map_id == map.id) return Membership::kCurrent;
+  const bool has_begun = map.newest_pose_ns || map.starts_late;
+  if (map_id == map.id && has_begun) return Membership::kCurrent;
   return map.is_past(instant_ns) ? Membership::kPast : Membership::kEarly;
 }
 

@@ -27,10 +27,23 @@ TEST(Membership, ALateMessageOfAMapBeforeBeginsNothing) {
 }
 
 TEST(Membership, WithoutAPoseOnlyAPoseBeginsAnotherMap) {
-  const CurrentMap map{kFirst, std::nullopt};
-  EXPECT_EQ(membership_of_submap(map, kFirst, 5), Membership::kCurrent);
+  CurrentMap map{kFirst, std::nullopt};
   EXPECT_EQ(membership_of_submap(map, kSecond, 5), Membership::kEarly);
   EXPECT_EQ(membership_of_pose(map, kSecond, 5), Membership::kBegins);
+  map.starts_late = true;
+  EXPECT_EQ(membership_of_submap(map, kFirst, 5), Membership::kCurrent);
+}
+
+// The first message of a run that is handled is a submap after a reset, and names the map: the
+// poses before the reset come after it.
+TEST(Membership, ASubmapThatIsARunsFirstMessageWaitsForItsMap) {
+  CurrentMap map{kSecond, std::nullopt};
+  EXPECT_EQ(membership_of_submap(map, kSecond, 30), Membership::kEarly);
+  EXPECT_EQ(membership_of_pose(map, kFirst, 10), Membership::kBegins);
+  map = {kFirst, 10};
+  EXPECT_EQ(membership_of_submap(map, kSecond, 30), Membership::kEarly);
+  map = {kSecond, 25};
+  EXPECT_EQ(membership_of_submap(map, kSecond, 30), Membership::kCurrent);
 }
 
 }  // namespace
