@@ -6,6 +6,9 @@
 
 namespace zloam::integration {
 
+/// A larger difference over one step is a discontinuity, not an error or a motion to learn from.
+inline constexpr double kBreak_m = 2.0;
+
 /// The difference, if a covariance that explains it is improbable; else zero. Limit of the squared
 /// Mahalanobis distance: 99 % are below if the covariance is right (chi-squared with three degrees
 /// of freedom).

@@ -6,12 +6,6 @@
 #include "integration/contradiction.hpp"
 
 namespace zloam::integration {
-namespace {
-
-// A larger change in one step is a discontinuity of the pose, not a motion to learn from.
-constexpr double kBreak_m = 2.0;
-
-}  // namespace
 
 void OwnMotion::forget_motion() {
   last_.reset();

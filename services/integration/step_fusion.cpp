@@ -10,8 +10,7 @@ namespace {
 
 // A motion that was measured over a longer time, or is older, predicts nothing.
 constexpr double kFreshMotion_s = 0.5;
-// A larger error in one sweep is a discontinuity, not an error to learn from.
-constexpr double kBreak_m = 2.0;
+// The same as kBreak_m, of a rotation.
 constexpr double kBreak_rad = 0.5;
 // Minimum number of mapped poses to weight the two predictions: before, the odometry leads unless
 // it reports a degenerate direction.
