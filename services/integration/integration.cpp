@@ -38,6 +38,11 @@ constexpr std::int64_t kOldCorrection_ns = 1'000'000'000;
 /// The pose was measured, at least along some directions.
 bool is_located(Health health) { return health == Health::kOk || health == Health::kDegenerate; }
 
+/// The odometry has matched the sweep: it then publishes what its source says of it.
+bool is_followed(Health health) {
+  return is_located(health) || health == Health::kIncomplete || health == Health::kTooFewPoints;
+}
+
 MappedPose mapped_pose(const OdometryPose& pose, const Correction& correction) {
   return {pose.sweep,
           pose.odom_epoch,
@@ -85,7 +90,7 @@ void Integrator::new_run() {
 
 void Integrator::restore(const OdometryPose& pose, const Pose& T_map_base) {
   reset();
-  own_motion_.forget_motion();
+  own_motion_.begun_before();
   newest_pose_ = pose.sweep;
   first_epoch_ = pose.odom_epoch;
   last_odometry_ = pose;
@@ -355,12 +360,24 @@ Matrix6 Integrator::contradiction_at(const OdometryPose& pose, const Correction*
   return covariance;
 }
 
+// The way to or from a pose that nothing measured is not a motion that was seen.
+bool Integrator::is_measured(const OdometryPose& pose, const Correction* correction) {
+  const bool old_frame = pose.odom_epoch == first_epoch_.value_or(pose.odom_epoch);
+  const bool by_map = correction == nullptr ? old_frame : is_located(correction->health);
+  return is_followed(pose.health) && by_map && !old(pose, correction);
+}
+
 // A step that nothing explains may be an acceleration without example or an error of its own size,
 // which is then the bound of three sigmas.
-Matrix6 Integrator::own_motion_at(const FusedPose& fused) {
+Matrix6 Integrator::own_motion_at(const OdometryPose& pose, const Correction* correction,
+                                  const FusedPose& fused) {
+  Matrix6 covariance = Matrix6::Zero();
+  if (!is_measured(pose, correction)) {
+    own_motion_.forget_motion();
+    return covariance;
+  }
   const Eigen::Vector3d off_m =
       own_motion_.unexplained_m(fused.instant_ns, fused.T_map_base, fused.covariance);
-  Matrix6 covariance = Matrix6::Zero();
   covariance.topLeftCorner<3, 3>() = off_m * off_m.transpose() / 9.0;
   return covariance;
 }
@@ -393,14 +410,11 @@ FusedPose Integrator::fuse(const OdometryPose& pose) {
   place(pose, correction, fused);
   fused.covariance += contradiction_at(pose, correction);
   const Matrix6 without_own_motion = fused.covariance;
-  fused.covariance += own_motion_at(fused);
+  fused.covariance += own_motion_at(pose, correction, fused);
   fused.has_correction = correction != nullptr;
   fused.correction_sweep = correction != nullptr ? correction->sweep : 0;
   fused.weak = judged(pose, correction, fused.covariance);
   fused.health = health_of(pose, correction, fused.weak);
-  // The way to or from a pose that nothing measured is not a motion that was seen.
-  const bool unmatched = correction != nullptr && !is_located(correction->health);
-  if (unmatched || !is_located(fused.health)) own_motion_.forget_motion();
   if (!first_epoch_) first_epoch_ = pose.odom_epoch;
   last_odometry_ = pose;
   last_fused_ = fused;

@@ -156,7 +156,9 @@ class Integrator {
   Matrix6 covariance_after_break(const OdometryPose& pose) const;
   Matrix6 covariance_at(const OdometryPose& pose, const Correction* correction);
   Matrix6 contradiction_at(const OdometryPose& pose, const Correction* correction) const;
-  Matrix6 own_motion_at(const FusedPose& fused);
+  bool is_measured(const OdometryPose& pose, const Correction* correction);
+  Matrix6 own_motion_at(const OdometryPose& pose, const Correction* correction,
+                        const FusedPose& fused);
   /// The map has not corrected the pose for long: the pose depends on the odometry alone.
   bool old(const OdometryPose& pose, const Correction* correction);
   void forget();

@@ -10,22 +10,11 @@ namespace zloam::integration {
 void OwnMotion::forget_motion() {
   last_.reset();
   velocity_mps_.reset();
-  begins_ = false;
 }
 
-// Learns the change of velocity over a step; the change in position that nothing so far explains.
-Eigen::Vector3d OwnMotion::judged_m(const Eigen::Vector3d& change_mps, double over_s,
-                                    const Eigen::Matrix3d& covariance_m2) {
-  const Eigen::Vector3d change_m = change_mps * over_s;
-  const Eigen::Matrix3d explained_m2 =
-      covariance_m2 + std::pow(over_s, 4) * accelerations_.translation();
-  // A sensor that is in motion when it starts has not accelerated.
-  if (!std::exchange(begins_, false) && change_m.norm() < kBreak_m) {
-    Vector6 acceleration = Vector6::Zero();
-    acceleration.head<3>() = change_mps / over_s;
-    accelerations_.add(acceleration);
-  }
-  return contradiction(change_m, explained_m2);
+void OwnMotion::begun_before() {
+  forget_motion();
+  begins_ = false;
 }
 
 Eigen::Vector3d OwnMotion::unexplained_m(std::int64_t instant_ns, const Pose& T_map_base,
@@ -42,11 +31,25 @@ Eigen::Vector3d OwnMotion::unexplained_m(std::int64_t instant_ns, const Pose& T_
   const Eigen::Matrix3d R_now_before = step.linear().transpose();
   const Eigen::Vector3d velocity_mps = R_now_before * step.translation() / over_s;
   std::optional<Eigen::Vector3d> expected_mps = std::exchange(velocity_mps_, velocity_mps);
-  if (begins_) expected_mps.emplace(Eigen::Vector3d::Zero());
+  const bool begins = std::exchange(begins_, false);
+  if (begins) expected_mps.emplace(Eigen::Vector3d::Zero());
   if (!expected_mps) return Eigen::Vector3d::Zero();
-  return judged_m(
-      velocity_mps - R_now_before * *expected_mps, over_s,
-      now.covariance_m2 + R_now_before * before->covariance_m2 * R_now_before.transpose());
+  const Eigen::Vector3d change_mps = velocity_mps - R_now_before * *expected_mps;
+  const Eigen::Matrix3d explained_m2 =
+      now.covariance_m2 + R_now_before * before->covariance_m2 * R_now_before.transpose() +
+      std::pow(over_s, 4) * accelerations_.translation();
+  learn(change_mps, over_s, begins);
+  return contradiction(change_mps * over_s, explained_m2);
+}
+
+void OwnMotion::learn(const Eigen::Vector3d& change_mps, double over_s, bool begins) {
+  // Written so that NaN is a discontinuity. The next step, at the velocity before it, is none.
+  if (!(change_mps.norm() * over_s < kBreak_m)) return velocity_mps_.reset();
+  // A sensor that is in motion when it starts has not accelerated.
+  if (begins) return;
+  Vector6 acceleration = Vector6::Zero();
+  acceleration.head<3>() = change_mps / over_s;
+  accelerations_.add(acceleration);
 }
 
 }  // namespace zloam::integration

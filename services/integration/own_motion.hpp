@@ -17,11 +17,15 @@ class OwnMotion {
  public:
   /// Takes the poses as they are published. Returns by how much this pose's step differs from the
   /// motion before, in the pose's axes, if neither the changes of velocity so far nor the
-  /// covariances of the two poses explain it; else zero. The first step is compared with rest.
+  /// covariances of the two poses explain it; else zero. The first step that is seen is compared
+  /// with rest, and the one after a discontinuity with nothing.
   Eigen::Vector3d unexplained_m(std::int64_t instant_ns, const Pose& T_map_base,
                                 const Matrix6& covariance);
-  /// The next pose does not follow the last one; how the platform moves is not known.
+  /// The next pose does not follow the last one; how the platform moves is not known. Before its
+  /// first step it is still expected to be at rest.
   void forget_motion();
+  /// The next pose is not the beginning: the platform may be in motion.
+  void begun_before();
 
   template <class Bits>
   void each(Bits& bits) {
@@ -39,8 +43,8 @@ class OwnMotion {
       bits(instant_ns, T_map_base, covariance_m2);
     }
   };
-  Eigen::Vector3d judged_m(const Eigen::Vector3d& change_mps, double over_s,
-                           const Eigen::Matrix3d& covariance_m2);
+  /// Takes the change of velocity over a step for one that the platform can make.
+  void learn(const Eigen::Vector3d& change_mps, double over_s, bool begins);
 
   std::optional<Last> last_;
   /// at the last pose, in its axes

@@ -80,6 +80,31 @@ TEST(OwnMotion, KnowsNothingOnceForgotten) {
   EXPECT_GT(walk.step(0.1).norm(), 0.5);
 }
 
+// A partial revolution, of which nothing matched, is not yet the beginning.
+TEST(OwnMotion, ExpectsRestUntilAStepWasSeen) {
+  for (const bool begun : {false, true}) {
+    Walk walk;
+    walk.motion().forget_motion();
+    if (begun) walk.motion().begun_before();
+    EXPECT_EQ(walk.step(0.5).norm(), 0.0) << "the first pose";
+    EXPECT_NEAR(walk.step(0.5).norm(), begun ? 0.0 : 0.5, 1e-12);
+  }
+}
+
+TEST(OwnMotion, AJumpIsToldOnce) {
+  Walk walk;
+  for (int i = 0; i < 10; ++i) walk.step(0.1);
+  EXPECT_GT(walk.step(3.0).norm(), 2.5);
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(walk.step(0.1).norm(), 0.0) << i;
+  EXPECT_GT(walk.step(0.6).norm(), 0.4) << "a later error";
+}
+
+TEST(OwnMotion, AStartAtFullSpeedIsToldOnce) {
+  Walk walk;
+  EXPECT_NEAR(walk.step(3.0).x(), 3.0, 1e-12);
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(walk.step(3.0).norm(), 0.0) << i;
+}
+
 // Two poses of one instant, and one that is no number, are no motion.
 TEST(OwnMotion, HoldsBesidePosesThatAreNone) {
   Walk walk;
