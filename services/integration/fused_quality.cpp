@@ -120,8 +120,8 @@ Matrix6 Integrator::covariance_at(const OdometryPose& pose, const Correction* co
   return covariance;
 }
 
-// One of the two is wrong where the map contradicts an odometry that has been right so far, and which
-// one is not known: the pose may be off by all of their difference.
+// One of the two is wrong where the map contradicts an odometry that has been right so far, and
+// which one is not known: the pose may be off by all of their difference.
 Matrix6 Integrator::contradiction_at(const OdometryPose& pose, const Correction* correction) const {
   Matrix6 covariance = Matrix6::Zero();
   if (correction == nullptr || !mapped_ || mapped_->sweep != correction->sweep) return covariance;
