@@ -48,9 +48,17 @@ def test_each_health_is_counted_and_the_least_sure_pose_named() -> None:
     assert found.least_sure_m is not None
     assert abs(found.least_sure_m - 0.3) < 1e-12
     assert pose_health.line(found.as_dict()) == (
-        "2 of 6 poses ok, 2 degenerate (along x), 1 predicted, 0 lost, 1 bridging, 1 jump, "
-        "least sure to 0.300 m (sweep 1)"
+        "2 of 6 poses ok, 2 degenerate (mostly along x of base_link), 1 predicted, 0 lost, "
+        "1 bridging, 1 jump, largest sigma of a position 0.300 m (of sweep 1, along its least "
+        "certain direction)"
     )
+
+
+def test_no_axis_is_named_where_no_pose_is_degenerate() -> None:
+    """A lost pose may also be flagged, but is counted as lost only."""
+    lost = pose(1, "lost", weak=(0.0, 1.0, 0.0))
+    text = pose_health.line(pose_health.judge([pose(0), lost]).as_dict())
+    assert "0 degenerate, 0 predicted, 1 lost" in text
 
 
 def test_the_sigma_is_that_of_the_worst_direction_not_of_an_axis() -> None:

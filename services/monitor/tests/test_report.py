@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zloam_monitor import html_report, outputs, report
+from zloam_monitor import html_report, outputs, pose_health, report
 from zloam_monitor.keys import Keys
 from zloam_monitor.records import PoseRecord
 from zloam_monitor.report import Run
@@ -75,6 +75,8 @@ def test_the_page_says_what_the_report_says(tmp_path: Path) -> None:
     assert "A <b>drive</b>" in read.text
     assert "<script>alert(1)</script> & more" in read.text
     assert report.summary_line(found) in read.text
+    assert pose_health.line(found["health"]) in read.text
+    assert "11 of 11 poses ok, 0 degenerate, 0 predicted, 0 lost" in read.text
     assert "900:mapping.stride=2" in read.text
     assert "the run ended before these changes: 900:mapping.stride=2" in report.table(found)
     # The stages' files are missing here.

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from zloam_monitor import pose_health
 from zloam_monitor import report as reports
 from zloam_monitor.files import written_whole
 from zloam_monitor.records import HEALTH
@@ -55,6 +56,7 @@ def page(found: dict[str, Any], title: str, picture: Path, poses: Path) -> str:
         _errors(found),
         "<h2>Stages</h2>",
         _table(*_head_and_rows(reports.stage_rows(found))),
+        f"<p>{escape(reports.WORK_TIMES)}</p>",
         f"<p>{escape(reports.latency_line(found))}</p>",
         "<h2>Sigma of the position</h2>",
         sigma_chart(poses),
@@ -75,7 +77,8 @@ def _verdict(found: dict[str, Any]) -> str:
     complaints = reports.complaints(found)
     kind = "bad" if complaints else "good"
     words = "; ".join(complaints) or "every sweep is accounted for, every process ended well"
-    return f'<p class="{kind}">{escape(words)}</p><p>{escape(reports.summary_line(found))}</p>'
+    lines = (reports.summary_line(found), pose_health.line(found["health"]))
+    return f'<p class="{kind}">{escape(words)}</p>' + "".join(f"<p>{escape(x)}</p>" for x in lines)
 
 
 def _picture(path: Path) -> str:

@@ -89,15 +89,15 @@ def line(health: dict[str, Any]) -> str:
     names = [*ALWAYS, *(name for name in counts if name not in (OK, *ALWAYS))]
     words = [f"{counts.get(OK, 0)} of {health['poses']} poses ok"]
     for name in names:
-        axis = (
-            f" (along {health['weak_axis']})"
-            if name == "degenerate" and health["weak_axis"]
-            else ""
-        )
-        words.append(f"{counts.get(name, 0)} {name}{axis}")
+        count = counts.get(name, 0)
+        # A pose may be both lost and degenerate, and is then counted as lost only.
+        weak = name == "degenerate" and count > 0 and health["weak_axis"]
+        axis = f" (mostly along {health['weak_axis']} of base_link)" if weak else ""
+        words.append(f"{count} {name}{axis}")
     words.append(f"{health['jumps']} jump{'' if health['jumps'] == 1 else 's'}")
     if health["least_sure_m"] is not None:
         words.append(
-            f"least sure to {health['least_sure_m']:.3f} m (sweep {health['least_sure_sweep']})"
+            f"largest sigma of a position {health['least_sure_m']:.3f} m (of sweep "
+            f"{health['least_sure_sweep']}, along its least certain direction)"
         )
     return ", ".join(words)

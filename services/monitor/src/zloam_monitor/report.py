@@ -298,20 +298,25 @@ def without_error(report: dict[str, Any]) -> list[str]:
     return ["no truth was given: no error can be stated"]
 
 
+#: Says what the times of stage_rows() are.
+WORK_TIMES = "p50, p99: from the beginning of a stage's work on a sweep to its result"
+
+
 def latency_line(report: dict[str, Any]) -> str:
     """A sentence about the latency."""
     parts = []
     for name, words in (("end_to_end", "fused pose"), ("mapped_pose", "mapped pose")):
         found = report["latency_ms"][name]
         if found:
-            parts.append(f"{words} p50 {found['p50']:.0f}, p99 {found['p99']:.0f} ms")
-    return "last packet to " + "; ".join(parts) if parts else "latency: no clock in fast replay"
+            parts.append(f"its {words}: p50 {found['p50']:.0f} ms, p99 {found['p99']:.0f} ms")
+    if not parts:
+        return "latency: not measured, as packets of a replay at full pace have no time of arrival"
+    return "latency, from the arrival of a sweep's last packet to " + "; to ".join(parts)
 
 
 def table(report: dict[str, Any]) -> str:
     """Text for a person at the end of a run."""
-    lines = _grid(stage_rows(report))
-    lines.append("")
+    lines = [*_grid(stage_rows(report)), WORK_TIMES, ""]
     for words, s in scores_of(report):
         lines.append(
             f"{words}: ATE {number_text(s['ate_rmse_m'], 3)} m, "
