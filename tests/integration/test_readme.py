@@ -88,7 +88,7 @@ def live(build: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live
 
 
 def test_the_endpoint_is_printed(live: Live) -> None:
-    assert f"robot {live.robot} listens on {live.endpoint}\n" in (live.out / "log").read_text()
+    assert f"robot '{live.robot}' listens on {live.endpoint}\n" in (live.out / "log").read_text()
 
 
 def test_the_subscriber_as_shown(live: Live, build: Path) -> None:
@@ -115,7 +115,7 @@ def test_without_an_endpoint_the_robots_of_this_machine_are_found(live: Live) ->
 def test_looking(live: Live, words: tuple[str, ...]) -> None:
     done = monitor(*words, "--connect", live.endpoint)
     assert done.code == 0, done.said
-    assert f"connected to robot {live.robot} at {live.endpoint} (driver, " in done.said
+    assert f"connected to robot '{live.robot}' at {live.endpoint} (driver, " in done.said
 
 
 def as_json(live: Live, *words: str) -> list[dict[str, Any]]:

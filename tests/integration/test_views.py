@@ -119,6 +119,7 @@ def test_rerun_s_file_has_everything(robot: str, tmp_path: Path) -> None:
         "/map/odom/base_link/lidar/features/Sharp",
         "/map/odom/base_link/lidar/rejected",
         "/plots/latency/odometry",
+        "/plots/latency/mapping",
         "/log",
     ):
         assert entity in printed, entity

@@ -156,7 +156,7 @@ COMMANDS: dict[str, Kind] = {
     "make build": Form("every test that needs the programs"),
     # Commands beside a running robot.
     "bin/zloam robots": BesideRun(r"robot .*tcp/127\.0\.0\.1:7464"),
-    "bin/zloam status": BesideRun(r"connected to robot robot at tcp/127\.0\.0\.1:746"),
+    "bin/zloam status": BesideRun(r"connected to robot 'robot' at tcp/127\.0\.0\.1:746"),
     "bin/zloam set odometry odometry.kernel_m=0.2": BesideRun(r"from sweep \d+"),
     "bin/zloam save maps/today": BesideRun(
         r"maps/today", ("out/demo/maps/today/map.pcd", "out/demo/maps/today/trajectory.tum")
@@ -167,7 +167,7 @@ COMMANDS: dict[str, Kind] = {
     "zloam handover mapping": Form("tests/integration/test_handover.py"),
     "bin/zloam place --x 12 --y -3.5 --yaw 90": Form("tests/integration/test_readme.py"),
     "zloam status --connect ROBOT": BesideRun(
-        r"connected to robot robot at tcp/127\.0\.0\.1:746", meaning=(("ROBOT", "127.0.0.1"),)
+        r"connected to robot 'robot' at tcp/127\.0\.0\.1:746", meaning=(("ROBOT", "127.0.0.1"),)
     ),
     "PYTHONPATH=build/release/generated/python .venv/bin/python "
     "services/monitor/examples/subscribe.py": BesideRun(r"(\d+ \d+( -?\d+\.\d\S*){3}\n){3}"),

@@ -159,7 +159,7 @@ def test_what_is_no_name_of_a_host_is_told() -> None:
 
 def test_what_is_open_to_the_network_says_so() -> None:
     inside = ports.Ports(7460)
-    assert inside.announcement("car") == "robot car listens on tcp/127.0.0.1:7464"
+    assert inside.announcement("car") == "robot 'car' listens on tcp/127.0.0.1:7464"
     outside = ports.Ports(7460, "0.0.0.0").announcement("car")
     assert "open to the network: whoever reaches ports 7460 to 7464 reads" in outside
     beside = ports.Ports(7460, "0.0.0.0", ("graph", "store")).announcement("car")
@@ -178,7 +178,7 @@ def test_another_robot_than_the_one_asked_for(monkeypatch: pytest.MonkeyPatch) -
     heard = [discovery.Found(name, endpoints(7460)[4], (("odometry", name),)) for name in "ab"]
     monkeypatch.setattr(discovery, "robots", lambda _: heard)
     assert discovery.choose("b") == heard[1]
-    with pytest.raises(NothingAnswers, match="robot c does not answer; these do:\n  robot a at"):
+    with pytest.raises(NothingAnswers, match="robot c does not answer; these do:\n  robot 'a' at"):
         discovery.choose("c")
     with pytest.raises(NothingAnswers, match="say which by --robot"):
         discovery.choose(None)
@@ -228,7 +228,7 @@ def test_two_robots_of_one_name_are_two(
         said = capsys.readouterr().err
         assert named in said
         assert "say which by --connect:" in said
-        assert f"robot car at {second}" in said
+        assert f"robot 'car' at {second}" in said
 
 
 def test_two_robots_of_one_name_in_one_network_are_told() -> None:
@@ -247,7 +247,7 @@ def test_it_is_told_when_a_command_connects(capsys: pytest.CaptureFixture[str]) 
         with discovery.linked(None, [where], newest=0):
             said = capsys.readouterr().err
         assert len(tokens) == 2
-    assert "connected to robot car" in said
+    assert "connected to robot 'car'" in said
     assert "robot car has 2 drivers (driver-1, driver-2)" in said
 
 

@@ -15,7 +15,7 @@ import pytest
 import zenoh
 
 from fake_session import FakeSession, needs_schemas
-from zloam_monitor import compose, discovery
+from zloam_monitor import compose, discovery, records
 from zloam_monitor.compose import HeaderValues
 from zloam_monitor.keys import Keys
 from zloam_monitor.link import Link, LinkError
@@ -159,6 +159,25 @@ def test_without_poses_there_is_no_latency(
     until(is_charted)
     pass_30_s(monkeypatch)
     until(lambda: view.state()["history"][-1]["stages"] == {})
+
+
+def test_the_time_of_mapping_is_that_of_the_newest_mapped_pose() -> None:
+    """Fused poses do not pass mapping. Of a mapping that stands still none is charted."""
+    upright = np.array([0.0, 0.0, 0.0, 1.0])
+    step = records.TraceStep
+
+    def posed(sweep: int, *trace: records.TraceStep) -> PoseRecord:
+        return PoseRecord(1, sweep, sweep * 10**8, np.zeros(3), upright, 0, 0, False, trace)
+
+    driven = step("driver", 1, 2, 3_000_001)
+    fused = posed(50, driven, step("integration", 5_000_000, 5_000_000, 6_000_000))
+    mapped = posed(48, driven, step("mapping", 4_000_000, 6_000_000, 12_000_000))
+    fine = {"driver": 3.0, "integration": 1.0}
+    assert robot_view._latency(fused, mapped) == {**fine, "mapping": 8.0}
+    assert robot_view._latency(fused, None) == fine
+    assert robot_view._latency(fused, replace(mapped, instant_ns=20 * 10**8)) == fine
+    assert robot_view._latency(fused, replace(mapped, run=2)) == fine
+    assert robot_view._latency(None, mapped) == {}
 
 
 @pytest.mark.parametrize(("cells", "sigma_m"), [(36, 0.2), (9, None), (0, None)])

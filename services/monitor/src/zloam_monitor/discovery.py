@@ -76,7 +76,7 @@ class Found:
         return {(self.robot, stage, instance) for stage, instance in named or self.instances}
 
     def __str__(self) -> str:
-        return f"robot {self.robot} at {self.endpoint} ({', '.join(self.stages)})"
+        return f"robot '{self.robot}' at {self.endpoint} ({', '.join(self.stages)})"
 
 
 def endpoint_of(text: str) -> str:

@@ -62,7 +62,7 @@ class Ports:
 
     def announcement(self, robot: str) -> str:
         """Text that says where the robot listens, and what that permits if it is not loopback."""
-        text = f"robot {robot} listens on {self.endpoint}"
+        text = f"robot '{robot}' listens on {self.endpoint}"
         if is_loopback(self.host):
             return text
         ports = _ranges(self.of_stages().values())

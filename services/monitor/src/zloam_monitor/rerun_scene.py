@@ -42,7 +42,7 @@ ELLIPSOID_SCALE = 10.0
 
 def expressions(keys: Keys, everything: bool) -> list[str]:
     """Keys that a scene needs; `everything`: also those published only for subscribers."""
-    wanted = [keys.pose, keys.odometry, keys.tiles, keys.every_status]
+    wanted = [keys.pose, keys.map_odometry, keys.odometry, keys.tiles, keys.every_status]
     looked_at = [keys.odometry_sweep, keys.features, keys.below("lidar/*/rejected")]
     return wanted + looked_at if everything else wanted
 
@@ -87,6 +87,8 @@ class Scene:
         keys = self._keys
         if sample.key == keys.pose:
             self._pose(records.map_pose(sample.payload))
+        elif sample.key == keys.map_odometry:
+            self._mapped(records.map_pose(sample.payload))
         elif sample.key == keys.preview:
             self._previewed(records.preview(sample.payload))
         elif sample.key == keys.odometry:
@@ -113,6 +115,13 @@ class Scene:
         self._scalar("plots/health/pose", float(pose.health))
         for name, value in _steps_ms(pose):
             self._scalar(f"plots/latency/{name}", value)
+
+    def _mapped(self, pose: PoseRecord) -> None:
+        """Charts the time of mapping, for which fused poses do not wait."""
+        self._at(pose.instant_ns, pose.sweep)
+        for name, value in _steps_ms(pose):
+            if name == "mapping":
+                self._scalar(f"plots/latency/{name}", value)
 
     def _previewed(self, said: PreviewRecord) -> None:
         pose = said.pose

@@ -73,7 +73,7 @@ def _kb(rate: float) -> str:
 
 def view(link: Link, now: float) -> Iterator[str]:
     """Lines of one update."""
-    yield f"robot {link.keys.robot}: {state_line(link, now)}"
+    yield f"robot '{link.keys.robot}': {state_line(link, now)}"
     for stage in STAGES:
         status = link.stage(stage)
         if status is None:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from zloam_monitor import doctor, se3, thin
 from zloam_monitor.clouds import Tile
 from zloam_monitor.heard import Finding
+from zloam_monitor.latency import samples
 from zloam_monitor.link import Link
 from zloam_monitor.map_copy import MapCopy
 from zloam_monitor.pose_health import position_sigma_m
@@ -225,7 +226,8 @@ class RobotView:
                 self._noted_s = now
                 # The latency of an old pose is not the current one.
                 timed = look.pose if now - look.posed_s <= OLD_SECONDS else None
-                noted = {"stages": _latency(timed), "rate": link.posed.per_s(now)}
+                taken = _latency(timed, link.mapped.last())
+                noted = {"stages": taken, "rate": link.posed.per_s(now)}
                 self._history.append(noted)
         return not self._ends.is_set()
 
@@ -276,13 +278,18 @@ class RobotView:
         }
 
 
-def _latency(pose: PoseRecord | None) -> dict[str, float]:
-    """Time of each stage for a pose, ms."""
-    return {
-        step.stage: round(1e-6 * (step.published_ns - step.received_ns), 2)
-        for step in (pose.trace if pose is not None else ())
-        if step.published_ns and step.received_ns
-    }
+def _latency(pose: PoseRecord | None, mapped: PoseRecord | None) -> dict[str, float]:
+    """Time of each stage for the newest pose, ms. A fused pose does not wait for mapping: that time
+    is the newest mapped pose's, unless mapping no longer follows."""
+    if pose is None:
+        return {}
+    is_current = (
+        mapped is not None
+        and mapped.run == pose.run
+        and pose.instant_ns - mapped.instant_ns <= OLD_SECONDS * 1e9
+    )
+    whole, _ = samples([pose], [mapped] if mapped is not None and is_current else [])
+    return {stage: round(times_ms[-1], 2) for stage, times_ms in whole.items()}
 
 
 def _pose(pose: PoseRecord) -> dict[str, Any]:
