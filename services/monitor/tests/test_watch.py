@@ -42,6 +42,7 @@ class Linking:
         self.published, self.taken, self.posed = Published(), Taken(), Rate()
         #: Stages whose instance was killed.
         self.killed: set[str] = set()
+        self.statuses: dict[str, Any] = {}
         self.health = "ready"
 
     def query_statuses(self) -> None:
@@ -63,6 +64,7 @@ class Linking:
             stage=stage,
             instance=f"{stage}-1",
             inputs=[],
+            published={"loam/robot/lidar/lidar/sweep": 42},
             health=self.health,
             rss_mib={"end": 1.0},
             cpu_ms=1.0,
@@ -84,6 +86,22 @@ def test_stages_behind_slow_links_are_waited_for(capsys: pytest.CaptureFixture[s
     assert "nothing heard" not in said
     # It also waited for a pose. The time is too short for a rate.
     assert "sweep 7, at 1.00 2.00 3.00 m" in said
+
+
+def test_a_watch_begins_with_all_stages_and_a_pose(capsys: pytest.CaptureFixture[str]) -> None:
+    link: Any = Linking(len(STAGES))
+    assert watch.watch(link, seconds=0.1, every_s=2.0) in (0, 1)
+    first = capsys.readouterr().out
+    assert "no pose yet" not in first
+    assert "nothing heard" not in first
+
+
+def test_a_source_is_said_to_send(capsys: pytest.CaptureFixture[str]) -> None:
+    """It receives no message, so `received 0` looked like a fault."""
+    assert watch.look(cast(Any, Linking(len(STAGES)))) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line}
+    assert "sent          42  queued" in lines["driver"]
+    assert "received       0  queued" in lines["mapping"]
 
 
 def test_a_silent_one_is_told_after_a_while(

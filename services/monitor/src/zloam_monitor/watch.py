@@ -10,7 +10,7 @@ from typing import Any
 from zloam_monitor import answers, pose_health
 from zloam_monitor.link import Link
 from zloam_monitor.records import StatusRecord
-from zloam_monitor.stages import STAGES
+from zloam_monitor.stages import ROWS, STAGES
 
 #: Age at which a status is stale: they come once a second, and several in a row are rarely lost.
 STALE_SECONDS = 5.0
@@ -34,15 +34,21 @@ def state_line(link: Link, now: float) -> str:
     return f"sweep {newest.sweep}, {rate_text(link, now)}at {x:.2f} {y:.2f} {z:.2f} m{marks}"
 
 
-def _stage_line(status: StatusRecord, silent_s: float) -> str:
-    received = sum(each.received for each in status.inputs)
+def _amount(link: Link, status: StatusRecord) -> str:
+    """Messages through a stage: those that it sent if it is a source, which receives none here."""
+    if not ROWS[status.stage].reads:
+        return f"sent     {status.published.get(link.keys.main_output(status.stage), 0):>7}"
+    return f"received {sum(each.received for each in status.inputs):>7}"
+
+
+def _stage_line(link: Link, status: StatusRecord, silent_s: float) -> str:
     queued = sum(each.queued for each in status.inputs)
     drops = {
         reason: count for each in status.inputs for reason, count in each.dropped.items() if count
     }
     words = [
         f"{status.stage:<13}{status.health:<9}",
-        f"received {received:>7}  queued {queued:>3}",
+        f"{_amount(link, status)}  queued {queued:>3}",
         f"RSS {status.rss_mib['end']:6.0f} MiB  CPU {status.cpu_ms / 1000:7.1f} s",
     ]
     if drops:
@@ -79,7 +85,7 @@ def view(link: Link, now: float) -> Iterator[str]:
         if status is None:
             yield f"{stage:<13}nothing heard"
         else:
-            yield _stage_line(status, link.silent_s(status, now))
+            yield _stage_line(link, status, link.silent_s(status, now))
     if link.poses:
         yield pose_health.line(pose_health.judge(link.poses.values()).as_dict())
     yield from traffic_lines(link, now)
@@ -123,22 +129,26 @@ def _dead(link: Link) -> list[StatusRecord]:
     ]
 
 
-def look(link: Link, as_json: bool = False) -> int:
-    """Prints one update; returns 1 if a stage has failed, is silent, or is no longer there."""
-    deadline = time.monotonic() + ALL_SECONDS
+def _gathered(link: Link, patience_s: float) -> list[StatusRecord]:
+    """Waits until all stages and a pose were heard; returns the statuses of dead instances."""
+    deadline = time.monotonic() + patience_s
     while True:
         link.query_statuses()
         link.poll()
-        now = time.monotonic()
         # A pose comes within some sweeps if any are published; after the end of a run none come.
         whole = len(link.newest_statuses()) == len(STAGES) and len(link.poses) > 0
-        late = now > deadline
+        late = time.monotonic() > deadline
         dead = _dead(link) if whole or late else []
         # A starting stage answers a moment before its token is there.
         if late or (whole and not dead):
-            break
+            return dead
         link.poll(0.2)
-    _show(link, now, as_json)
+
+
+def look(link: Link, as_json: bool = False) -> int:
+    """Prints one update; returns 1 if a stage has failed, is silent, or is no longer there."""
+    dead = _gathered(link, ALL_SECONDS)
+    _show(link, time.monotonic(), as_json)
     for status in dead:
         print(
             f"{status.stage}: {status.instance} is not alive; its status above is its last one, "
@@ -152,12 +162,13 @@ def look(link: Link, as_json: bool = False) -> int:
 
 
 def watch(link: Link, seconds: float | None, every_s: float, as_json: bool = False) -> int:
-    """Prints an update at once and then every `every_s`; returns 1 if nothing was heard."""
-    link.query_statuses()
-    link.poll()
-    began = time.monotonic()
-    shown = began - every_s
+    """Prints an update as soon as all is heard, and then every `every_s`; returns 1 if nothing was
+    heard."""
     try:
+        # Else the first update says `no pose yet`, as none has come in its first milliseconds.
+        _gathered(link, ALL_SECONDS)
+        began = time.monotonic()
+        shown = began - every_s
         while seconds is None or time.monotonic() - began < seconds:
             now = time.monotonic()
             if now - shown >= every_s:
