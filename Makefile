@@ -101,6 +101,7 @@ ifeq ($(filter-out build demo run,$(MAKECMDGOALS)),)
 $(foreach v,$(filter-out $(OF_GOALS) $(OF_BUILD),$(GIVEN)),$(error $(v)=: make $(MAKECMDGOALS) has no such variable; it has $(OF_GOALS)))
 endif
 $(foreach v,$(filter $(OF_GOALS),$(SWITCHES)),$(if $(filter-out 1,$($(v))),$(error $(v)=$($(v)): 1 switches it on; leave it out otherwise)))
+$(if $(MAP),,$(foreach v,$(filter LOCALIZE EXTEND,$(OF_GOALS)),$(if $($(v)),$(error $(v)=1 needs the map of an earlier run: MAP=out/town, the folder that MAP= of that run named))))
 $(if $(filter-out vlp16 hokuyo,$(SENSOR)),$(error SENSOR=$(SENSOR): vlp16 (the default) or hokuyo is simulated))
 endif
 

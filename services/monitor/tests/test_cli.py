@@ -141,7 +141,7 @@ MISTAKES: list[tuple[tuple[str, ...], int, str]] = [
     (("map", "info", "nofile.pcd"), 3, "nofile.pcd: No such file"),
     (("map", "info", "nofile.xyz"), 2, ".laz is expected"),
     (("set", "odometry", "novalue"), 2, "'novalue': key=value is expected"),
-    (("set", "odometry"), 2, "Missing argument"),
+    (("set", "odometry"), 2, "KEY=VALUE is missing"),
     (("watch", "--connect", "tcp//"), 2, "is no endpoint"),
     (("evaluate", "none.tum", "none.tum"), 3, "none.tum: No such file"),
     (("evaluate", ".", "."), 3, "Is a directory"),

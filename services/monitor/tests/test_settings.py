@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from itertools import pairwise
@@ -14,7 +15,15 @@ import pytest
 
 from zloam_monitor.failures import Misuse
 from zloam_monitor.records import RevisionRecord
-from zloam_monitor.settings import as_set_at, changes, existing_files, pairs, several
+from zloam_monitor.settings import (
+    as_set_at,
+    changes,
+    existing_files,
+    meant,
+    pairs,
+    several,
+    stage_and_pairs,
+)
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -31,6 +40,29 @@ def test_pairs_keep_the_value_as_it_was_typed() -> None:
 def test_what_is_no_pair_is_refused(text: str) -> None:
     with pytest.raises(Misuse, match="key=value is expected"):
         pairs([text])
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["odometry.kernel_m=1"], "zloam set odometry odometry.kernel_m=1"),
+        (["odometri.x=1", "odometri.y=2"], "zloam set odometry odometri.x=1 odometri.y=2"),
+        (["zenoh.x=1"], "zloam set STAGE zenoh.x=1"),
+        (["odometry"], "KEY=VALUE is missing; zloam get odometry lists"),
+    ],
+)
+def test_a_stage_comes_before_its_keys(given: list[str], said: str) -> None:
+    with pytest.raises(Misuse, match=re.escape(said)):
+        stage_and_pairs(given[0], given[1:])
+
+
+def test_the_nearest_names_are_told() -> None:
+    stages = ["driver", "mapping", "odometry"]
+    assert meant("mapping", stages) == ""
+    assert meant("mappng", stages) == " (did you mean 'mapping'?)"
+    assert meant("x", stages) == " (there are driver, mapping, odometry)"
+    assert meant("kernel", ["odometry.kernel_m", "a.b"]) == " (did you mean 'odometry.kernel_m'?)"
+    assert meant("x", [f"key{n}" for n in range(99)]) == ""
 
 
 def test_a_replay_is_given_what_was_in_force() -> None:
@@ -123,6 +155,8 @@ def test_make_passes_texts_as_they_are(tmp_path: Path) -> None:
         *(("run", f"{name}=x") for name in ("PCAP", "RATE", "TRUTH", "SET_AT", "SENSOR")),
         *(("demo", f"{name}=0") for name in ("GRAPH", "LOCALIZE", "EXTEND", "VIEW")),
         *(("run", given) for given in ("STANDBY=0", "STANDBY=no", "GRAPH=0", "VIEW=1")),
+        # Without MAP=.
+        *((goal, given) for goal in ("demo", "run") for given in ("LOCALIZE=1", "EXTEND=1")),
     ],
 )
 def test_make_refuses_what_it_would_not_use(goal: str, given: str) -> None:

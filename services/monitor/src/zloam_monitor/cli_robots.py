@@ -101,7 +101,7 @@ def replied(replies: Iterable[tuple[str, ReplyRecord]], as_json: bool) -> int:
 @command
 def set_(
     stage: Stage,
-    values: Annotated[list[str], typer.Argument(metavar="KEY=VALUE...")],
+    values: Annotated[list[str] | None, typer.Argument(metavar="KEY=VALUE...")] = None,
     connect: common.Connect = None,
     robot: common.Robot = None,
     as_json: common.Json = False,
@@ -109,7 +109,7 @@ def set_(
     """Change live parameters of a stage; print the first sweep with them, or what is allowed."""
     from zloam_monitor import discovery, settings
 
-    wanted = settings.pairs(values)
+    wanted = settings.stage_and_pairs(stage, values or [])
     with discovery.linked(robot, common.endpoints(connect)) as link:
         return replied([(stage, settings.change(link, stage, wanted))], as_json)
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -15,6 +16,9 @@ from zloam_monitor.failures import Misuse
 from zloam_monitor.link import BUSY_SECONDS, PATIENCE_SECONDS, Link
 from zloam_monitor.records import ReplyRecord, RevisionRecord, StatusRecord
 from zloam_monitor.stages import ROWS
+
+#: Names are listed in a message if there are at most so many.
+MOST_LISTED = 12
 
 #: (stage, reply) for each stage that was asked, in the order of the replies.
 Replies = Iterator[tuple[str, ReplyRecord]]
@@ -52,13 +56,46 @@ def pairs(texts: Iterable[str]) -> dict[str, str]:
     return found
 
 
+def meant(name: str, known: Iterable[str]) -> str:
+    """Words after a name that may be mistyped: the nearest of the known ones; empty if it is one of
+    them. A robot may have stages that are not in this list, so this is no reason to refuse one."""
+    names = list(known)
+    if name in names:
+        return ""
+    nearest = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    if not nearest:
+        # The end of a key without its section is what is remembered of it.
+        nearest = [each for each in names if name and name in each][:3]
+    if nearest:
+        return " (did you mean " + " or ".join(f"'{each}'" for each in nearest) + "?)"
+    return f" (there are {', '.join(names)})" if len(names) <= MOST_LISTED else ""
+
+
+def stage_and_pairs(stage: str, texts: Iterable[str]) -> dict[str, str]:
+    """The values for a stage; refuses a command line that does not begin with a stage."""
+    given = list(texts)
+    key, equals, _ = stage.partition("=")
+    if equals:
+        # A key begins with its stage's name, but for those that several stages have.
+        section = key.split(".")[0]
+        whose = section if section in ROWS else (_nearest_stage(section) or "STAGE")
+        raise Misuse(f"set: a stage comes first: zloam set {whose} {' '.join([stage, *given])}")
+    if not given:
+        raise Misuse(f"set: KEY=VALUE is missing; zloam get {stage} lists keys and values")
+    return pairs(given)
+
+
+def _nearest_stage(name: str) -> str | None:
+    return next(iter(difflib.get_close_matches(name, list(ROWS), n=1, cutoff=0.6)), None)
+
+
 def commanded(link: Link, stage: str, verb: str, arguments: Mapping[str, Any]) -> ReplyRecord:
     """Sends a command and returns the stage's reply; raises if there is none."""
     asked = time.monotonic()
     while (reply := link.command(stage, verb, dict(arguments))) is None:
         patience = BUSY_SECONDS if stage in link.living() else PATIENCE_SECONDS
         if time.monotonic() > asked + patience:
-            raise ChainError(f"{verb}: no instance of {stage} answered")
+            raise ChainError(f"{verb}: no instance of {stage} answered{meant(stage, ROWS)}")
         time.sleep(0.1)
     return reply
 
@@ -138,20 +175,36 @@ def in_force(link: Link, stage: str | None, key: str | None) -> dict[str, dict[s
     """Stage -> key -> value; of one stage or all, of one key, of a section, or of all keys."""
     configs = link.query_configs()
     if stage is not None and stage not in configs:
-        raise ChainError(f"get: {stage} does not answer; {', '.join(sorted(configs))} do")
+        known = {each for values in configs.values() for each in values}
+        if key is None and any(_below(each, stage) for each in known):
+            raise ChainError(f"get: '{stage}' is a key: zloam get {_owner(configs, stage)} {stage}")
+        raise ChainError(
+            f"get: {stage} does not answer; {', '.join(sorted(configs))} do{meant(stage, ROWS)}"
+        )
     found = {
         name: {
             each: value
             for each, value in sorted(values.items())
-            if key is None or each == key or each.startswith(f"{key}.")
+            if key is None or _below(each, key)
         }
         for name, values in sorted(configs.items())
         if stage in (None, name)
     }
     if not any(found.values()):
         lacking = "".join(f"; {line}" for line in unanswered(link, stage))
-        raise ChainError(f"get: no key {key}; without a key all are listed{lacking}")
+        keys = (each for name, of in configs.items() if stage in (None, name) for each in of)
+        near = meant(key or "", sorted(set(keys)))
+        raise ChainError(f"get: no key {key}{near}; without a key all are listed{lacking}")
     return found
+
+
+def _below(key: str, section: str) -> bool:
+    return key == section or key.startswith(f"{section}.")
+
+
+def _owner(configs: Mapping[str, Mapping[str, Any]], key: str) -> str:
+    """The stage that has a key, or a section of keys."""
+    return next(name for name, of in sorted(configs.items()) if any(_below(k, key) for k in of))
 
 
 def unanswered(link: Link, stage: str | None) -> list[str]:
