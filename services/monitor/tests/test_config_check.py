@@ -45,3 +45,18 @@ def test_a_file_in_latin_1(
     monkeypatch.setattr(config_check, "readers", lambda build: {"odometry": made})
     assert cli.main(["config", "check", str(file), "--preset-dir", "nowhere"]) == 2
     assert refusal in capsys.readouterr().err
+
+
+def test_what_several_stages_refuse_is_listed_once_with_what_is_allowed(tmp_path: Path) -> None:
+    log = "2026-12-01T05:42:03.233852Z error   "
+    refused = "--set-at 5: odometri.k: value 1 is refused: unknown key; allowed: "
+    programs = {
+        "driver": stage(tmp_path / "driver", f'echo "{log}driver: {refused}nothing" >&2; exit 2'),
+        "odometry": stage(
+            tmp_path / "odometry",
+            f'echo "{log}odometry: {refused}odometry.a, odometry.b" >&2; exit 2',
+        ),
+        "mapping": stage(tmp_path / "mapping", "echo {}"),
+    }
+    found = config_check.refusals(programs, tmp_path / "robot.yaml", [], ["5:odometri.k=1"])
+    assert found == [f"{refused}odometry.a, odometry.b"]

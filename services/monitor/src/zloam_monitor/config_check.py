@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,20 +30,46 @@ def check(build: Path, config: Path, settings: Sequence[str]) -> Verdict:
     refusals: dict[str, None] = {}
     values: dict[str, Any] = {}
     for stage, program in readers(build).items():
-        command = [str(program), "--config", str(config), "--check-config"]
-        for setting in settings:
-            command += ["--set", setting]
-        done = subprocess.run(
-            command, capture_output=True, text=True, errors="backslashreplace", check=False
-        )
+        done = _asked(program, config, settings)
         if done.returncode == 0:
             values.update(json.loads(done.stdout))
         else:
-            lines = done.stderr.strip().splitlines() or [f"{stage} ended with {done.returncode}"]
-            refusals.update(dict.fromkeys(_LOG_HEAD.sub("", line) for line in lines))
+            refusals.update(dict.fromkeys(_said(stage, done)))
     if not refusals:
         try:  # `demo` and `run` read it, too: a stage takes bytes of any encoding.
             robot_file.names(config, list(settings))
         except robot_file.RobotFileError as error:
             refusals[str(error)] = None
     return Verdict(list(refusals), values)
+
+
+def refusals(
+    programs: Mapping[str, Path], config: Path, settings: Sequence[str], set_at: Sequence[str]
+) -> list[str]:
+    """What these stages refuse of a command line; of several that refuse the same, the words of the
+    one that names most of what it allows."""
+    found: dict[str, str] = {}
+    for stage, program in programs.items():
+        done = _asked(program, config, settings, set_at)
+        for line in _said(stage, done) if done.returncode != 0 else ():
+            what = line.partition("; allowed: ")[0]
+            found[what] = max(line, found.get(what, ""), key=len)
+    return list(found.values())
+
+
+def _asked(
+    program: Path, config: Path, settings: Sequence[str], set_at: Sequence[str] = ()
+) -> subprocess.CompletedProcess[str]:
+    command = [str(program), "--config", str(config), "--check-config"]
+    for setting in settings:
+        command += ["--set", setting]
+    for change in set_at:
+        command += ["--set-at", change]
+    return subprocess.run(
+        command, capture_output=True, text=True, errors="backslashreplace", check=False
+    )
+
+
+def _said(stage: str, done: subprocess.CompletedProcess[str]) -> list[str]:
+    lines = done.stderr.strip().splitlines() or [f"{stage} ended with {done.returncode}"]
+    return [_LOG_HEAD.sub("", line) for line in lines]

@@ -10,13 +10,23 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from zloam_monitor import beside_run, outputs, references, remarks, report, run_recording
-from zloam_monitor.chain import Chain, ChainError
+from zloam_monitor import (
+    beside_run,
+    config_check,
+    outputs,
+    references,
+    remarks,
+    report,
+    run_recording,
+)
+from zloam_monitor.chain import Chain, ChainError, binary
 from zloam_monitor.claims import Claim
+from zloam_monitor.failures import Misuse
 from zloam_monitor.ports import Ports
 from zloam_monitor.remarks import Logs, Remarks
 from zloam_monitor.report import Run
 from zloam_monitor.sources import Source
+from zloam_monitor.stages import STAGES
 from zloam_monitor.terminal import ProgressLine
 from zloam_monitor.watch import rate_text
 
@@ -119,9 +129,21 @@ def run(options: DemoOptions) -> dict[str, Any]:
     """Runs the demo and returns the report; raises if something goes wrong."""
     source = options.source
     inputs = [*source.there(options.truth), *source.files, options.config]
+    if source.simulation:
+        _check(options)
     with outputs.claim(options.out, inputs, [path.name for path in source.made]) as claim:
         source.make()
         return outputs.write_all(options.out, options.source.title, _heard(options, claim))
+
+
+def _check(options: DemoOptions) -> None:
+    """Lets the stages refuse a setting before the minute that a simulation may take. A recording is
+    there, and the stages check at once."""
+    stages = (*STAGES, *options.beside)
+    programs = {each: binary(options.build, options.programs.get(each, each)) for each in stages}
+    settings = [*options.source.driver_settings(options.rate), *options.settings]
+    if said := config_check.refusals(programs, options.config, settings, options.set_at):
+        raise Misuse("\n".join(said))
 
 
 def _heard(options: DemoOptions, claim: Claim) -> Run:
