@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
-from zloam_monitor.remarks import AWAY_SECONDS, Logs, Remarks
+from zloam_monitor.records import StatusRecord
+from zloam_monitor.remarks import AWAY_SECONDS, Logs, Remarks, reasons
 
 
 def test_numbers_that_change_are_no_news() -> None:
@@ -33,6 +36,36 @@ def test_what_several_stages_say_is_one_line() -> None:
         "no packets (said 2 times)",
         "mapping: slow (said 2 times)",
     ]
+
+
+def test_a_reason_with_semicolons_is_one_remark() -> None:
+    """Only a topic begins another one."""
+    quiet = (
+        "packets: no packets on UDP 2368 for 3 s: is the sensor on; does a firewall drop them; is "
+        "it a model that is decoded here? Seen so far: packets_received 0; 7 datagrams came to UDP "
+        "ports that no program listens on: if the sensor's are among them, driver.port is another"
+    )
+    imu = "imu file: a.csv: 3 readings were left out"
+    silent = "silent loam/robot/lidar/lidar/sweep: no loam/robot/lidar/lidar/sweep for 3 s"
+    status = cast(
+        StatusRecord,
+        SimpleNamespace(stage="driver", health="degraded", reason="; ".join([imu, quiet, silent])),
+    )
+    assert reasons([status]) == [f"driver: {imu}", f"driver: {quiet}", f"driver: {silent}"]
+    assert reasons([cast(StatusRecord, SimpleNamespace(health="degraded", reason=""))]) == []
+
+
+def test_what_status_and_log_say_is_one_remark() -> None:
+    """The status has the topic before it."""
+    remarks = Remarks()
+    in_status, in_log = (
+        "driver: packets: no packets for 3 s: see it",
+        "driver: no packets for 3 s: see it",
+    )
+    assert remarks.news([in_status, in_log], 0.0) == [in_status]
+    assert remarks.news([in_log], 1.0) == []
+    assert len(remarks.summary()) == 1
+    assert len(remarks.news(["mapping: no packets for 3 s: see it"], 2.0)) == 1
 
 
 def test_what_comes_again_after_a_while_is_news() -> None:

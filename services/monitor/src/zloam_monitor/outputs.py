@@ -19,6 +19,7 @@ from zloam_monitor import (
     picture,
     pose_table,
     references,
+    remarks,
     report,
     trajectory,
 )
@@ -277,7 +278,7 @@ def unwritten(run: Run) -> list[str]:
     return [
         f"{stage}: {text}"
         for stage, status in run.statuses.items()
-        for text in status.reason.split("; ")
+        for text in remarks.reasons_in(status)
         if text.partition(": ")[0] in FILE_TOPICS
     ]
 

@@ -17,6 +17,12 @@ AWAY_SECONDS = 10.0
 TROUBLED = ("degraded", "failed")
 _WARNING = re.compile(r"^\S+Z (?:warning|error)\s+(?P<text>\S+: .*)$")
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+#: Topic at the beginning of a reason, as in `imu file: ...` (Stage::degraded).
+_TOPIC = r"[a-z][^\s;:,]*(?: [^\s;:,]+){0,3}: "
+#: Between two reasons of a status. A reason may have semicolons of its own.
+_NEXT = re.compile(rf"; (?={_TOPIC})")
+#: Stage and topic before a text. The log has the text without the topic.
+_HEAD = re.compile(rf"^([^\s:]+: ){_TOPIC}(?=.)")
 
 
 @dataclass
@@ -57,7 +63,7 @@ class Remarks:
         """The texts that are new, or have been absent for a while."""
         found = []
         for text in texts:
-            kind = _NUMBER.sub("#", text)
+            kind = _NUMBER.sub("#", _HEAD.sub(r"\1", text))
             known = self._known.get(kind)
             if known is None or now - known.last > AWAY_SECONDS:
                 found.append(text)
@@ -101,6 +107,10 @@ def reasons(statuses: Iterable[StatusRecord], healths: tuple[str, ...] = TROUBLE
         f"{status.stage}: {reason}"
         for status in statuses
         if status.health in healths
-        for reason in status.reason.split("; ")
-        if reason
+        for reason in reasons_in(status)
     ]
+
+
+def reasons_in(status: StatusRecord) -> list[str]:
+    """The reasons of a status, each with its topic."""
+    return [reason for reason in _NEXT.split(status.reason) if reason]
