@@ -200,3 +200,15 @@ def test_stamps_that_go_backwards_are_reported(
     for command in (["trajectory", path, tmp_path / "a.kitti"], ["evaluate", path, path]):
         assert cli.main([str(each) for each in command]) == 0
         assert f"{path}: its stamps go backwards at 2 lines" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "data", [b"\x00\x01\x02,3;4\n", b"VERSION .7\nDATA binary\n1,2;\x00\x99\n"]
+)
+def test_a_binary_file_is_refused_as_such(data: bytes, tmp_path: Path) -> None:
+    """Its first bytes looked like numbers with commas, or like columns."""
+    (tmp_path / "map.pcd").write_bytes(data)
+    with pytest.raises(
+        trajectory.TrajectoryError, match=r"map\.pcd: is no text; a trajectory in TUM"
+    ):
+        trajectory.read(tmp_path / "map.pcd")

@@ -49,6 +49,11 @@ def read(folder: Path) -> Finished:
         raise TrajectoryError(
             f"{path}: No such file; the folder that a run has left is expected, e.g. out/demo"
         ) from error
+    except NotADirectoryError as error:
+        raise TrajectoryError(
+            f"{folder}: is no folder; that which a run has left is expected, e.g. out/demo, and "
+            "zloam evaluate compares two files"
+        ) from error
     except (OSError, ValueError, RecursionError) as error:
         raise TrajectoryError(f"{path}: cannot be read: {error}") from error
     if not isinstance(report, dict):

@@ -50,9 +50,15 @@ class Row:
 def read_rows(path: Path) -> tuple[list[Row], Array]:
     """All rows, which have the same number of columns, and their numbers, which are finite."""
     try:
-        text = _text(path.read_bytes())
+        data = path.read_bytes()
     except OSError as error:
         raise TrajectoryError(f"{path}: {error.strerror}") from error
+    text = _text(data)
+    # No text has the character NUL; UTF-16 has it as a byte.
+    if "\0" in text:
+        raise TrajectoryError(
+            f"{path}: is no text; a trajectory in TUM or KITTI format is expected"
+        )
     rows = [
         Row(f"{path}, line {number}", cells)
         for number, line in enumerate(text.splitlines(), 1)
