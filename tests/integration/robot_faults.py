@@ -364,7 +364,7 @@ FAULTS = {
     "another version": Fault("features refused in a second as garbage", junk),
     "disk full": Fault("No space left on device", full_disk, tool="unshare"),
     "no shared memory": Fault(
-        "odometry receives nothing through shared memory", little_locked_memory, tool="setpriv"
+        "not receive through shared memory", little_locked_memory, tool="setpriv"
     ),
     "router gone": Fault(
         "nothing answers at tcp/127.0.0.1",

@@ -20,6 +20,7 @@ with zenoh.open(config) as session:
     for seen, sample in enumerate(poses, start=1):
         pose = MapPose.GetRootAs(sample.payload.to_bytes())
         p = pose.PoseMapBase().Translation(Vec3())
-        print(pose.Header().Sweep(), pose.InstantNs(), p.X(), p.Y(), p.Z(), flush=True)
+        x, y, z = (f"{metres:.3f}" for metres in (p.X(), p.Y(), p.Z()))
+        print(pose.Header().Sweep(), pose.InstantNs(), x, y, z, flush=True)
         if seen == int(given.get(3, 0)):
             break

@@ -221,9 +221,22 @@ WRONG: dict[str, tuple[Heard, str]] = {
     ),
     "no shared memory": (
         changed(well(), "odometry", memory={"messages_net": 50, "bytes_copied": 50 * 300_000}),
-        "odometry receives nothing through shared memory",
+        "odometry does not receive through shared memory",
     ),
 }  # fmt: skip
+
+
+def test_stages_without_shared_memory_are_one_finding() -> None:
+    """One small /dev/shm is the cause for all."""
+    memory = {"messages_net": 50, "bytes_copied": 50 * 300_000}
+    heard = changed(WRONG["no shared memory"][0], "mapping", memory=memory)
+    (found,) = findings(heard)
+    assert found.what.endswith(
+        "do not receive through shared memory, though zenoh.shared_memory is on"
+    )
+    assert "odometry" in found.what
+    assert "mapping" in found.what
+    assert "/dev/shm" in found.do
 
 
 def test_one_sweep_that_took_long_makes_no_stage_slow() -> None:

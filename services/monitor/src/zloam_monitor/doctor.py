@@ -379,16 +379,22 @@ def _settings(heard: Heard) -> Iterator[Finding]:
             yield Finding(
                 f"{key} differs between stages: {each}", "start all with one robot's file"
             )
-    for status in heard.alive():
-        wanted = heard.configs.get(status.stage, {}).get("zenoh.shared_memory")
-        if wanted and _large_by_socket(status.memory):
-            yield Finding(
-                f"{status.stage} receives nothing through shared memory, though "
-                "zenoh.shared_memory is on",
-                "messages come over sockets: their sender is on another machine, or one of the two "
-                "may not lock memory (ulimit -l)",
-                is_fault=False,
-            )
+    by_socket = {
+        status.stage: None
+        for status in heard.alive()
+        if heard.configs.get(status.stage, {}).get("zenoh.shared_memory")
+        and _large_by_socket(status.memory)
+    }
+    if by_socket:
+        do = "does" if len(by_socket) == 1 else "do"
+        yield Finding(
+            f"{', '.join(by_socket)} {do} not receive through shared memory, though "
+            "zenoh.shared_memory is on",
+            "messages come over sockets: their sender is on another machine, or sender or receiver "
+            "may not lock memory (ulimit -l), or found no room in /dev/shm (df -h /dev/shm; "
+            "docker's --shm-size, zenoh.pool_mib): its log says which",
+            is_fault=False,
+        )
 
 
 def _large_by_socket(memory: dict[str, int]) -> bool:
