@@ -231,7 +231,7 @@ def test_a_reference_that_is_not_there_is_told(
     wanted = dataclasses.replace(options(tmp_path / "out", None), truth=[there, typo])
     found = follow.follow(wanted)
     assert list(found["references"]) == ["truth.tum"]
-    said = f"the reference {typo} does not exist: no error against it"
+    said = f"{typo}: does not exist; no error against this reference"
     assert found["no_reference"] == [said]
     out = capsys.readouterr().out
     assert said in out
@@ -270,7 +270,7 @@ def test_a_bad_reference_is_refused_before_the_run(
     # A run that is over is not lost by one that was damaged meanwhile.
     monkeypatch.setattr(follow, "_wait", waits)
     (said,) = follow.follow(wanted)["no_reference"]
-    assert said.startswith(f"the reference {truth} can't be read (")
+    assert said.startswith(f"{truth}: can't be read (")
     with pytest.raises(TrajectoryError):
         follow.follow(wanted)
 

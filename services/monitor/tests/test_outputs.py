@@ -184,7 +184,7 @@ def test_a_reference_by_sweep_number_is_of_this_drive(
     found = followed(tmp_path, replace(run, truths={"07.txt": truth}))
     assert list(found["references"]) == (["07.txt"] if error_known else [])
     said = (
-        "the reference 07.txt has no times and 60 poses, the run 20 sweeps: no error against it; "
+        "07.txt: has no times and 60 poses, the run 20 sweeps; no error against this reference: "
         "cut it to the drive's scans, or give one with times (TUM)"
     )
     assert found["no_reference"] == ([] if error_known else [said])

@@ -25,7 +25,7 @@ from zloam_monitor.failures import Misuse
 from zloam_monitor.ports import Ports
 from zloam_monitor.remarks import Logs, Remarks
 from zloam_monitor.report import Run
-from zloam_monitor.sources import Source
+from zloam_monitor.sources import Source, SourceError
 from zloam_monitor.stages import STAGES
 from zloam_monitor.terminal import ProgressLine
 from zloam_monitor.watch import rate_text
@@ -69,6 +69,8 @@ class DemoOptions:
 def _line(chain: Chain, source: Source, now: float) -> str:
     link = chain.link
     newest = link.poses.last()
+    if newest is None:
+        return "no pose yet"
     drops = sum(
         count
         for status in link.statuses.values()
@@ -77,9 +79,7 @@ def _line(chain: Chain, source: Source, now: float) -> str:
         if reason != "duplicate"
     )
     whole = f" of {source.sweeps}" if source.sweeps else ""
-    return (
-        f"sweep {newest.sweep + 1 if newest else 0}{whole}, {rate_text(link, now)}{drops} dropped"
-    )
+    return f"sweep {newest.sweep + 1}{whole}, {rate_text(link, now)}{drops} dropped"
 
 
 def _patience_s(configs: Mapping[str, Mapping[str, Any]]) -> float:
@@ -129,6 +129,10 @@ def run(options: DemoOptions) -> dict[str, Any]:
     """Runs the demo and returns the report; raises if something goes wrong."""
     source = options.source
     inputs = [*source.there(options.truth), *source.files, options.config]
+    for path in inputs:
+        # The driver would refuse it only after all stages have started.
+        if not path.exists():
+            raise SourceError(f"{path}: No such file or directory")
     if source.simulation:
         _check(options)
     with outputs.claim(options.out, inputs, [path.name for path in source.made]) as claim:

@@ -151,7 +151,8 @@ def _draw_paths(axes: Axes, scene: Scene, width: float) -> None:
         # A thin dashed line over the wide one, so that both are visible where they agree.
         axes.plot(truth[:, 0], truth[:, 1], "--", color=TRUTH_COLOUR, lw=width, label="truth")
     if len(p):
-        axes.plot(*p[0, :2], "o", color="#2ca02c", ms=7, label="start")
+        # A ring, as a path that ends where it began would hide a disc below the mark of its end.
+        axes.plot(*p[0, :2], "o", color="#2ca02c", mfc="none", mew=2.5, ms=13, label="start")
         axes.plot(*p[-1, :2], "s", color="#9467bd", ms=6, label="end")
 
 

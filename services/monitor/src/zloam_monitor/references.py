@@ -32,8 +32,8 @@ def of_drive(
         if truth.stamps_ns is None and len(truth) > sweeps
     }
     remarks = [
-        f"the reference {name} has no times and {poses} poses, the run {sweeps} sweeps: no error "
-        "against it; cut it to the drive's scans, or give one with times (TUM)"
+        f"{name}: has no times and {poses} poses, the run {sweeps} sweeps; no error "
+        "against this reference: cut it to the drive's scans, or give one with times (TUM)"
         for name, poses in others.items()
     ]
     return {name: truth for name, truth in truths.items() if name not in others}, remarks
@@ -52,7 +52,7 @@ def of_base(
             found[name] = trajectory.read(path)
         except (TrajectoryError, OSError) as error:
             why = "does not exist" if not path.exists() else f"can't be read ({error})"
-            remarks.append(f"the reference {path} {why}: no error against it")
+            remarks.append(f"{path}: {why}; no error against this reference")
     if not found:
         return {}, remarks
     try:

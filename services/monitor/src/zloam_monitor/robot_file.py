@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from zloam_monitor import places
 from zloam_monitor.failures import FileTrouble, Misuse
 
 
@@ -65,6 +66,11 @@ def _tree(path: Path) -> Any:
     try:
         # The stages read values as texts, so `01` is a name and not a number.
         return yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.BaseLoader) or {}
+    except FileNotFoundError as error:
+        # A bare name is one of a robot that comes with zloam, or is mistyped.
+        named = sorted(each.stem for each in places.robots().glob("*.yaml"))
+        others = f"; robots by name: {', '.join(named)}" if path.name == str(path) else ""
+        raise FileTrouble(f"{path}: {error.strerror}{others}") from error
     except OSError as error:
         raise FileTrouble(f"{path}: {error.strerror}") from error
     except UnicodeDecodeError as error:

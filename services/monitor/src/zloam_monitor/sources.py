@@ -89,7 +89,7 @@ class Source:
 
 def _existing(path: Path, what: str) -> Path:
     if not path.exists():
-        raise SourceError(f"{what} {path} does not exist")
+        raise SourceError(f"{path}: does not exist; {what} is expected there")
     return path
 
 
@@ -100,7 +100,7 @@ def _name(path: Path) -> str:
 
 def _refuse_bag(path: Path) -> None:
     if bags.is_recording(path):
-        raise SourceError(f"{path} is a bag, no capture: BAG={path}, or --bag {path}")
+        raise SourceError(f"{path}: is a bag, no capture; BAG={path}, or --bag {path}, replays it")
 
 
 def from_bag(path: Path, settings: Iterable[str], config: Path | None = None) -> Source:
@@ -108,12 +108,12 @@ def from_bag(path: Path, settings: Iterable[str], config: Path | None = None) ->
 
     config: the robot's file if the user named one; its mounting applies.
     """
-    _existing(path, "the recording")
+    _existing(path, "a recording")
     if not folders.is_recording(path):
         if reason := bags.without_metadata(path):
             raise SourceError(f"{path}: {reason}")
         raise SourceError(
-            f"{path} is no bag of ROS 1 or 2, no MCAP file and no folder of PCD, PLY, LAS or LAZ "
+            f"{path}: is no bag of ROS 1 or 2, no MCAP file and no folder of PCD, PLY, LAS or LAZ "
             "files"
         )
     settings = list(settings)
@@ -207,7 +207,7 @@ def from_bin(path: Path) -> Source:
 
 def from_kitti(folder: Path, unpack_to: Path) -> Source:
     """A KITTI drive: velodyne/*.bin, or velodyne.tar.xz, which is unpacked once."""
-    _existing(folder, "the folder")
+    _existing(folder, "a folder of scans")
     scans = folder / "velodyne" if (folder / "velodyne").is_dir() else folder
     archive = folder / "velodyne.tar.xz"
     if scans == folder and archive.is_file():
@@ -258,9 +258,11 @@ def _unpack(archive: Path, to: Path) -> None:
 
 def from_scans(folder: Path) -> Source:
     """Scans with a time for each point (16-byte records), stamps.txt, perhaps gt_dense.tum."""
-    _existing(folder, "the folder")
+    _existing(folder, "a folder of scans")
     if folders.clouds_in(folder):
-        raise SourceError(f"{folder} has PCD, PLY or LAS files: BAG={folder}, or --bag {folder}")
+        raise SourceError(
+            f"{folder}: has PCD, PLY or LAS files; BAG={folder}, or --bag {folder}, replays them"
+        )
     count = len(list((folder / "scans").glob("*.bin")))
     if count == 0 or not (folder / "stamps.txt").is_file():
         raise SourceError(f"{folder}: scans/*.bin and stamps.txt are needed")
@@ -270,7 +272,7 @@ def from_scans(folder: Path) -> Source:
 
 def from_session(path: Path) -> Source:
     """Replies of a Hokuyo scanner as received, and the angles of its motor in the .csv beside."""
-    _existing(path, "the session")
+    _existing(path, "a session")
     # If the angles are missing, the driver refuses the session.
     angles = [path.with_suffix(".csv")] if path.with_suffix(".csv").is_file() else []
     return Source(path.name, "scip_log", path, ROBOTS / "hokuyo.yaml", readings=angles)

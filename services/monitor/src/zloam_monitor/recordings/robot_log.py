@@ -119,7 +119,7 @@ class RobotLog:
                 ends.append(statistics[1])
                 count += statistics[2]
         if not begins:
-            raise Refused("there is no message in it")
+            raise Refused("no recording of `zloam record`, or one without a message")
         return Extent(min(begins), max(ends), count)
 
     def messages(self, wanted: tuple[str, ...] = ()) -> Iterator[Logged]:
