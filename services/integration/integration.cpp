@@ -16,12 +16,14 @@ constexpr std::size_t kSaved = 32;
 
 MappedPose mapped_pose(const OdometryPose& pose, const Correction& correction) {
   return {pose.sweep,
+          correction.map_id,
           pose.odom_epoch,
           pose.instant_ns,
           normalised(correction.T_map_odom * pose.T_odom_base),
           pose.T_odom_base,
           finite_or_zero(correction.covariance),
-          is_located(correction.health)};
+          is_located(correction.health),
+          correction.health == Health::kOk && !correction.weak.degenerate};
 }
 
 /// A replay's next pose is carried on from its scheduled correction, so many poses before.
@@ -71,6 +73,7 @@ std::vector<std::uint64_t> Integrator::state() const {
   kept.contradiction_m_ = contradiction_m_;
   kept.steps_ = steps_;
   kept.own_motion_ = own_motion_;
+  kept.drift_ = drift_;
   kept.last_odometry_ = last_odometry_;
   kept.last_fused_ = last_fused_;
   kept.last_T_map_odom_ = last_T_map_odom_;
@@ -158,6 +161,7 @@ void Integrator::follow_map(const Correction& correction) {
   for (const OdometryPose& p : recent_) {
     if (p.sweep != correction.sweep || p.odom_epoch != correction.odom_epoch) continue;
     const MappedPose now = mapped_pose(p, correction);
+    watch_odometry(now);
     contradiction_m_.setZero();
     if (now.located && mapped_ && mapped_->odom_epoch == now.odom_epoch &&
         mapped_->sweep < now.sweep) {
@@ -177,6 +181,14 @@ void Integrator::follow_map(const Correction& correction) {
     mapped_ = now;
     return;
   }
+}
+
+void Integrator::watch_odometry(const MappedPose& now) {
+  const bool follows = mapped_ && mapped_->odom_epoch == now.odom_epoch &&
+                       mapped_->map_id == now.map_id && now.located;
+  if (!follows) drift_.forget();
+  if (!now.whole) return;
+  drift_.add(now.T_map_base, now.T_odom_base, now.covariance.topLeftCorner<3, 3>());
 }
 
 Pose Integrator::step_between(const OdometryPose& from, const OdometryPose& to) const {
@@ -245,6 +257,9 @@ FusedPose Integrator::fuse(const OdometryPose& pose) {
   fused.correction_sweep = correction != nullptr ? correction->sweep : 0;
   fused.weak = judged(pose, correction, fused.covariance);
   fused.health = health_of(pose, correction, fused.weak);
+  fused.odometry_drift_m = drift_.drift_m();
+  fused.odometry_way_m = drift_.way_m();
+  fused.odometry_drifts = drift_.exceeds(config_.drift_limit * kJudgedWay_m);
   if (!first_epoch_) first_epoch_ = pose.odom_epoch;
   last_odometry_ = pose;
   last_fused_ = fused;

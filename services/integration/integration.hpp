@@ -25,6 +25,7 @@
 #include "common/geometry/health.hpp"
 #include "common/geometry/se3.hpp"
 #include "integration/config.hpp"
+#include "integration/odometry_drift.hpp"
 #include "integration/own_motion.hpp"
 #include "integration/step_fusion.hpp"
 
@@ -54,6 +55,7 @@ struct OdometryPose {
 
 struct Correction {
   std::uint64_t sweep = 0;
+  std::uint64_t map_id = 0;
   std::uint32_t odom_epoch = 0;
   Pose T_map_odom = Pose::Identity();
   /// of T_map_base at that sweep, tangent at base_link
@@ -63,7 +65,7 @@ struct Correction {
 
   template <class Bits>
   void each(Bits& bits) {
-    bits(sweep, odom_epoch, T_map_odom, covariance, health, weak);
+    bits(sweep, map_id, odom_epoch, T_map_odom, covariance, health, weak);
   }
 };
 
@@ -78,17 +80,23 @@ struct FusedPose {
   bool jump = false;
   Health health = Health::kOk;
   Weak weak{};
+  /// Odometry and map have come apart by drift_m over the last way_m.
+  double odometry_drift_m = 0.0;
+  double odometry_way_m = 0.0;
+  /// by more than the drift limit over ten metres and the map's covariances
+  bool odometry_drifts = false;
 
   template <class Bits>
   void each(Bits& bits) {
     bits(sweep, instant_ns, T_map_base, twist_per_s, covariance, correction_sweep, has_correction,
-         jump, health, weak);
+         jump, health, weak, odometry_drift_m, odometry_way_m, odometry_drifts);
   }
 };
 
 /// A correction that was used, as a pose.
 struct MappedPose {
   std::uint64_t sweep = 0;
+  std::uint64_t map_id = 0;
   std::uint32_t odom_epoch = 0;
   std::int64_t instant_ns = 0;
   Pose T_map_base = Pose::Identity();
@@ -96,10 +104,13 @@ struct MappedPose {
   Matrix6 covariance = Matrix6::Zero();
   /// the map has measured it; else it is predicted, or lost
   bool located = false;
+  /// in all directions
+  bool whole = false;
 
   template <class Bits>
   void each(Bits& bits) {
-    bits(sweep, odom_epoch, instant_ns, T_map_base, T_odom_base, covariance, located);
+    bits(sweep, map_id, odom_epoch, instant_ns, T_map_base, T_odom_base, covariance, located,
+         whole);
   }
 };
 
@@ -144,6 +155,7 @@ class Integrator {
   FusedPose fuse(const OdometryPose& pose);
   void place(const OdometryPose& pose, const Correction* correction, FusedPose& fused);
   void follow_map(const Correction& correction);
+  void watch_odometry(const MappedPose& now);
   Pose step_between(const OdometryPose& from, const OdometryPose& to) const;
   /// T_map_base of the pose, by the steps from the correction's sweep; nothing when that sweep's
   /// odometry is no longer kept
@@ -164,8 +176,8 @@ class Integrator {
   void forget();
   template <class Bits>
   void each(Bits& bits) {
-    bits(recent_, corrections_, mapped_, contradiction_m_, steps_, own_motion_, last_odometry_,
-         last_fused_, last_T_map_odom_, first_epoch_, corrected_ns_);
+    bits(recent_, corrections_, mapped_, contradiction_m_, steps_, own_motion_, drift_,
+         last_odometry_, last_fused_, last_T_map_odom_, first_epoch_, corrected_ns_);
   }
 
   IntegrationConfig config_;
@@ -178,6 +190,7 @@ class Integrator {
   Eigen::Vector3d contradiction_m_ = Eigen::Vector3d::Zero();
   StepFusion steps_;
   OwnMotion own_motion_;
+  OdometryDrift drift_;
   std::optional<OdometryPose> last_odometry_;
   std::optional<FusedPose> last_fused_;
   std::optional<Pose> last_T_map_odom_;

@@ -1,6 +1,7 @@
 #include "integration/integration_stage.hpp"
 
 #include <array>
+#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <tuple>
 
@@ -184,6 +185,7 @@ void IntegrationStage::process(const OdometryMessage& message) {
 void IntegrationStage::take(const CorrectionMessage& message) {
   Correction correction;
   correction.sweep = message.sweep();
+  correction.map_id = message.header().map_id();
   correction.odom_epoch = message.header().odom_epoch();
   correction.T_map_odom = pose_of(message->pose_map_odom());
   correction.covariance = covariance_of(message->covariance());
@@ -237,12 +239,25 @@ void IntegrationStage::publish(const FusedPose& fused, const runtime::Message& c
     stage_.latency("end_to_end",
                    1e-6 * static_cast<double>(stage_.now_ns() - header.last_packet_ns));
   }
+  say_drift(fused);
   if (fused.jump) {
     runtime::log_warning("the correction moved the pose", {{"sweep", fused.sweep}});
   }
   // Files before the acknowledgement, because its receivers may look for them.
   if (header.end_of_run) stage_.end_of_run(header.run);
   ack_.done_below(header.run, header.sweep + 1);
+}
+
+void IntegrationStage::say_drift(const FusedPose& fused) {
+  stage_.figure("odometry_drift_m", fused.odometry_drift_m);
+  if (!fused.odometry_drifts) return stage_.degraded("odometry", "");
+  std::array<char, 64> figures{};
+  std::snprintf(figures.data(), figures.size(), "%.2f m over the last %.1f m",
+                fused.odometry_drift_m, fused.odometry_way_m);
+  stage_.degraded("odometry",
+                  "odometry and map differ by " + std::string(figures.data()) +
+                      ", one of them is wrong: exclude what moves with the sensor, as parts of its "
+                      "platform (driver.azimuth_mask_deg, driver.body_box_*)");
 }
 
 std::string IntegrationStage::write_to(

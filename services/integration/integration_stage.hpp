@@ -46,6 +46,7 @@ class IntegrationStage {
   /// poses that can be published now, by work that started at the host's time started_ns
   void publish(const std::vector<FusedPose>& poses, std::int64_t started_ns);
   void publish(const FusedPose& fused, const runtime::Message& cause);
+  void say_drift(const FusedPose& fused);
   std::string write_files();
   runtime::CommandReply save(const std::string& arguments_json);
   /// Empty, or a sentence that says what failed.

@@ -61,7 +61,7 @@ def _fused_or_lost(ran: Ran, limit_m: float) -> tuple[float, bool, str]:
 
 def _odometry_or_flagged(ran: Ran, limit_m: float) -> tuple[float, bool, str]:
     """The odometry's error is within the limit, or it is flagged soon after it exceeds the
-    limit."""
+    limit: by its health, or because integration reports that odometry and map have come apart."""
     truth, path = trajectory.read(ran.truth), trajectory.read(ran.folder / "odom.tum")
     of_truth, of_path, _ = evaluation.associate(path, truth)
     health = np.genfromtxt(ran.folder / "sweeps.csv", delimiter=",", names=True)["health"]
@@ -72,9 +72,16 @@ def _odometry_or_flagged(ran: Ran, limit_m: float) -> tuple[float, bool, str]:
     # Sweeps without a pose in the truth are at the end, so rows up to there correspond.
     after = health[wrong[0] : wrong[0] + FLAGGED_WITHIN] if len(wrong) else np.empty(0)
     # An incomplete or dropped sweep says nothing of the motion, and NaN nothing at all.
-    flagged = bool(np.isin(after, judge.FLAGS).any())
+    flagged = bool(np.isin(after, judge.FLAGS).any()) or (len(wrong) > 0 and _apart(ran, wrong[0]))
     held = ran.verdict.odometry_m <= limit_m or flagged
     return ran.verdict.odometry_m, held, " flagged" if flagged else ""
+
+
+def _apart(ran: Ran, wrong: int) -> bool:
+    """Whether integration reports it for one of the sweeps from the first wrong one on."""
+    fused = np.genfromtxt(ran.folder / "fused.csv", delimiter=",", names=True)
+    soon = (fused["sweep"] >= wrong) & (fused["sweep"] < wrong + FLAGGED_WITHIN)
+    return bool((fused["odometry_drifts"][soon] > 0).any())
 
 
 def _measured(setting: Setting, names: tuple[str, ...], limit_m: float, judged: Judge) -> Measured:

@@ -157,7 +157,7 @@ class Run {
     fused_file_.create(o_.out + "/fused.tum");
     covariance_file_.create(o_.out + "/covariance.csv");
     fused_csv_.create(o_.out + "/fused.csv");
-    fused_csv_ << "sweep,health,degenerate,axis_x,axis_y,axis_z,jump\n";
+    fused_csv_ << "sweep,health,degenerate,axis_x,axis_y,axis_z,jump,odometry_drifts\n";
     fused_covariance_file_.create(o_.out + "/fused_covariance.csv");
     cost_file_.create(o_.out + "/cost.csv");
     cost_file_ << "sweep,points,registration_ms,odometry_ms,mapping_ms,map_points\n";
@@ -312,7 +312,7 @@ class Run {
     write_tum(fused_file_, f.instant_ns, f.T_map_base);
     fused_csv_ << f.sweep << ',' << int(f.health) << ',' << f.weak.degenerate;
     for (int i = 0; i < 3; ++i) fused_csv_ << ',' << f.weak.translation[i];
-    fused_csv_ << ',' << f.jump << '\n';
+    fused_csv_ << ',' << f.jump << ',' << f.odometry_drifts << '\n';
     write_covariance(fused_covariance_file_, f.sweep, f.covariance);
   }
 
