@@ -18,6 +18,7 @@ from tests.acceptance.live import free_udp_port
 from tests.integration.conftest import PATIENCE_S, Capture, kill, monitor, simulate
 from tests.integration.live_run import SPARE_S, LiveRun, one_quick
 from zloam_monitor import clouds, messages, methods, report
+from zloam_monitor.clouds import POINT_LAYERS, Tile
 from zloam_monitor.records import PoseRecord
 from zloam_monitor.report import Run
 from zloam_monitor.trajectory import read
@@ -44,6 +45,9 @@ class Left:
     saves: dict[str, Any]
     #: names beside the output folder after all saves
     outside: set[str]
+    #: mapping's tiles without their points, and those that it has later
+    heads: list[Tile]
+    tiles: list[Tile]
 
 
 @pytest.fixture(scope="module")
@@ -105,13 +109,18 @@ def left(
         time.sleep(AWAY_S)
         run.chain.start("driver", "driver-again")
         run.until_runs(2)
+        link = run.chain.link
+        heads = [
+            h for each in POINT_LAYERS for h in link.tiles_at(f"{link.keys.tiles_of(each)}?heads")
+        ]
+        tiles = link.query_tiles()
         run.end()
     runs = dict.fromkeys(r for r, _ in run.poses)
     poses = [[p for (r, _), p in run.poses.items() if r == each] for each in runs]
     outside = {
         str(p.relative_to(out.parent)) for p in out.parent.rglob("*") if out not in p.parents
     }
-    return Left(out, poses, saves, outside)
+    return Left(out, poses, saves, outside, heads, tiles)
 
 
 def test_each_run_has_its_own_files(left: Left) -> None:
@@ -126,6 +135,16 @@ def test_each_run_has_its_own_files(left: Left) -> None:
         assert len(clouds.read_pcd(left.out / f"map{suffix}.pcd")) > 0
         assert (left.out / f"odometry{suffix}.tum").exists()
     assert not list(left.out.glob("*_3.*"))
+
+
+def test_mapping_tells_its_tiles_without_their_points(left: Left) -> None:
+    newest = {(tile.map_id, tile.layer, tile.index): tile for tile in left.tiles}
+    assert sum(len(tile.points) for tile in left.tiles) > 1000
+    assert left.heads
+    for head in left.heads:
+        assert not len(head.points)
+        # The map goes on between the two questions.
+        assert newest[head.map_id, head.layer, head.index].version >= head.version
 
 
 @pytest.mark.parametrize("stage", ["integration", "mapping"])

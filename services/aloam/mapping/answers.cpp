@@ -44,10 +44,11 @@ void MappingStage::declare_answers() {
   stage_.command("reset", [this](const std::string&) { return reset(); });
 }
 
-Buffer MappingStage::tile_message(const HeaderFields& header, const CubeIndex& index,
-                                  Layer layer) const {
+Buffer MappingStage::tile_message(const HeaderFields& header, const CubeIndex& index, Layer layer,
+                                  bool head) const {
   const Cube& cube = mapper_.map().cubes().at(index);
-  const std::vector<MapPoint> points = map_points(layer_of(cube, layer));
+  std::vector<MapPoint> points;
+  if (!head) points = map_points(layer_of(cube, layer));
   MapTileFields fields;
   fields.layer = layer_name(layer);
   fields.i = index.at[0];
@@ -73,13 +74,16 @@ Buffer MappingStage::cloud_message(const HeaderFields& header, bool whole) const
                                    .T_frame_base = last_T_map_base_});
 }
 
+// "?heads": the tiles without their points, as the default mapping answers.
 void MappingStage::answer_tiles(runtime::Answer& answer) {
+  const bool heads = answer.parameters() == "heads";
   for (const auto& [index, cube] : mapper_.map().cubes()) {
     for (const Layer layer : kLayers) {
       const auto& [i, j, k] = index.at;
       const std::string key = stage_.keys().tile(layer_name(layer), i, j, k);
       if (!key_matches(answer.key(), key)) continue;
-      answer.reply(key, encoding_of(Key::kMapTile), tile_message(last_header_, index, layer));
+      answer.reply(key, encoding_of(Key::kMapTile),
+                   tile_message(last_header_, index, layer, heads));
     }
   }
 }

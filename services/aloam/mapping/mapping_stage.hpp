@@ -49,7 +49,9 @@ class MappingStage {
   void publish_registered(const Sweep& sweep);
   void note_figures(const Mapped& mapped);
   Vector6 twist_since(std::int64_t instant_ns, const Pose& T_map_base) const;
-  Buffer tile_message(const HeaderFields& header, const CubeIndex& index, Layer layer) const;
+  /// head: without its points
+  Buffer tile_message(const HeaderFields& header, const CubeIndex& index, Layer layer,
+                      bool head = false) const;
   Buffer cloud_message(const HeaderFields& header, bool whole) const;
   void answer_tiles(runtime::Answer& answer);
   runtime::CommandReply reset();

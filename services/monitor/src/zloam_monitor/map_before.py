@@ -36,7 +36,7 @@ class MapBefore:
         #: The newest map, and key -> version of each tile that it had.
         self._newest = -1
         self._had: dict[str, int] = {}
-        #: Tiles that came whole: of a mapping without heads, as A-LOAM's.
+        #: Tiles that came whole: of an older mapping, without heads.
         self._whole: dict[str, bytes] = {}
         #: Number of tiles of which not even that is known.
         self._unknown = 0
