@@ -1,4 +1,4 @@
-// What is said of a fused pose: its covariance, its degenerate direction and its health.
+// Covariance, degenerate direction and health of a fused pose.
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -65,8 +65,7 @@ Weak Integrator::judged(const OdometryPose& pose, const Correction* correction,
 
 // Health of the fused pose, from those of odometry and correction.
 Health Integrator::health_of(const OdometryPose& pose, const Correction* correction,
-                             const Weak& weak) {
-  const bool uncorrected = old(pose, correction);
+                             const Weak& weak, bool uncorrected) const {
   const bool new_frame = pose.odom_epoch != first_epoch_.value_or(pose.odom_epoch);
   if (correction == nullptr) {
     if (new_frame) return Health::kBridging;
@@ -132,18 +131,18 @@ Matrix6 Integrator::contradiction_at(const OdometryPose& pose, const Correction*
 }
 
 // The way to or from a pose that nothing measured is not a motion that was seen.
-bool Integrator::is_measured(const OdometryPose& pose, const Correction* correction) {
+bool Integrator::is_measured(const OdometryPose& pose, const Correction* correction,
+                             bool uncorrected) const {
   const bool old_frame = pose.odom_epoch == first_epoch_.value_or(pose.odom_epoch);
   const bool by_map = correction == nullptr ? old_frame : is_located(correction->health);
-  return is_followed(pose.health) && by_map && !old(pose, correction);
+  return is_followed(pose.health) && by_map && !uncorrected;
 }
 
 // A step that nothing explains may be an acceleration without example or an error of its own size,
 // which is then the bound of three sigmas.
-Matrix6 Integrator::own_motion_at(const OdometryPose& pose, const Correction* correction,
-                                  const FusedPose& fused) {
+Matrix6 Integrator::own_motion_at(const FusedPose& fused, bool measured) {
   Matrix6 covariance = Matrix6::Zero();
-  if (!is_measured(pose, correction)) {
+  if (!measured) {
     own_motion_.forget_motion();
     return covariance;
   }

@@ -1,5 +1,5 @@
 #pragma once
-// Terms that the fusion of the pose and what is said of it have in common.
+// Functions that integration.cpp (the pose) and fused_quality.cpp (its quality) share.
 
 #include <algorithm>
 #include <cstdint>

@@ -22,8 +22,7 @@ MappedPose mapped_pose(const OdometryPose& pose, const Correction& correction) {
           normalised(correction.T_map_odom * pose.T_odom_base),
           pose.T_odom_base,
           finite_or_zero(correction.covariance),
-          is_located(correction.health),
-          correction.health == Health::kOk && !correction.weak.degenerate};
+          is_located(correction.health)};
 }
 
 /// A replay's next pose is carried on from its scheduled correction, so many poses before.
@@ -161,7 +160,7 @@ void Integrator::follow_map(const Correction& correction) {
   for (const OdometryPose& p : recent_) {
     if (p.sweep != correction.sweep || p.odom_epoch != correction.odom_epoch) continue;
     const MappedPose now = mapped_pose(p, correction);
-    watch_odometry(now);
+    watch_odometry(now, correction);
     contradiction_m_.setZero();
     if (now.located && mapped_ && mapped_->odom_epoch == now.odom_epoch &&
         mapped_->sweep < now.sweep) {
@@ -183,11 +182,12 @@ void Integrator::follow_map(const Correction& correction) {
   }
 }
 
-void Integrator::watch_odometry(const MappedPose& now) {
+// A pose that the map leaves open along a direction says nothing of the odometry.
+void Integrator::watch_odometry(const MappedPose& now, const Correction& correction) {
   const bool follows = mapped_ && mapped_->odom_epoch == now.odom_epoch &&
                        mapped_->map_id == now.map_id && now.located;
   if (!follows) drift_.forget();
-  if (!now.whole) return;
+  if (correction.health != Health::kOk || correction.weak.degenerate) return;
   drift_.add(now.T_map_base, now.T_odom_base, now.covariance.topLeftCorner<3, 3>());
 }
 
@@ -252,11 +252,12 @@ FusedPose Integrator::fuse(const OdometryPose& pose) {
   place(pose, correction, fused);
   fused.covariance += contradiction_at(pose, correction);
   const Matrix6 without_own_motion = fused.covariance;
-  fused.covariance += own_motion_at(pose, correction, fused);
+  const bool uncorrected = old(pose, correction);
+  fused.covariance += own_motion_at(fused, is_measured(pose, correction, uncorrected));
   fused.has_correction = correction != nullptr;
   fused.correction_sweep = correction != nullptr ? correction->sweep : 0;
   fused.weak = judged(pose, correction, fused.covariance);
-  fused.health = health_of(pose, correction, fused.weak);
+  fused.health = health_of(pose, correction, fused.weak, uncorrected);
   fused.odometry_drift_m = drift_.drift_m();
   fused.odometry_way_m = drift_.way_m();
   fused.odometry_drifts = drift_.exceeds(config_.drift_limit * kJudgedWay_m);

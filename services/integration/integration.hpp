@@ -104,13 +104,10 @@ struct MappedPose {
   Matrix6 covariance = Matrix6::Zero();
   /// the map has measured it; else it is predicted, or lost
   bool located = false;
-  /// in all directions
-  bool whole = false;
 
   template <class Bits>
   void each(Bits& bits) {
-    bits(sweep, map_id, odom_epoch, instant_ns, T_map_base, T_odom_base, covariance, located,
-         whole);
+    bits(sweep, map_id, odom_epoch, instant_ns, T_map_base, T_odom_base, covariance, located);
   }
 };
 
@@ -155,7 +152,7 @@ class Integrator {
   FusedPose fuse(const OdometryPose& pose);
   void place(const OdometryPose& pose, const Correction* correction, FusedPose& fused);
   void follow_map(const Correction& correction);
-  void watch_odometry(const MappedPose& now);
+  void watch_odometry(const MappedPose& now, const Correction& correction);
   Pose step_between(const OdometryPose& from, const OdometryPose& to) const;
   /// T_map_base of the pose, by the steps from the correction's sweep; nothing when that sweep's
   /// odometry is no longer kept
@@ -163,14 +160,15 @@ class Integrator {
   Weak weak_of(const OdometryPose& pose, const Correction& correction) const;
   Weak judged(const OdometryPose& pose, const Correction* correction,
               const Matrix6& covariance) const;
-  Health health_of(const OdometryPose& pose, const Correction* correction, const Weak& weak);
+  Health health_of(const OdometryPose& pose, const Correction* correction, const Weak& weak,
+                   bool uncorrected) const;
   Matrix6 step_covariance(const OdometryPose& pose) const;
   Matrix6 covariance_after_break(const OdometryPose& pose) const;
   Matrix6 covariance_at(const OdometryPose& pose, const Correction* correction);
   Matrix6 contradiction_at(const OdometryPose& pose, const Correction* correction) const;
-  bool is_measured(const OdometryPose& pose, const Correction* correction);
-  Matrix6 own_motion_at(const OdometryPose& pose, const Correction* correction,
-                        const FusedPose& fused);
+  bool is_measured(const OdometryPose& pose, const Correction* correction, bool uncorrected) const;
+  /// measured: as is_measured()
+  Matrix6 own_motion_at(const FusedPose& fused, bool measured);
   /// The map has not corrected the pose for long: the pose depends on the odometry alone.
   bool old(const OdometryPose& pose, const Correction* correction);
   void forget();

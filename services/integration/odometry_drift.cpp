@@ -23,13 +23,23 @@ void OdometryDrift::add(const Pose& T_map_base, const Pose& T_odom_base,
   }
   if (kept_.empty() || now.way_m - kept_.back().way_m >= kBetween_m) kept_.push_back(now);
   while (kept_.size() > 2 && now.way_m - kept_[1].way_m >= kJudgedWay_m) kept_.pop_front();
-  const Place& then = kept_.front();
-  const Pose by_map = then.T_map_base.inverse() * T_map_base;
-  const Pose by_odometry = then.T_odom_base.inverse() * T_odom_base;
-  drift_m_ = (by_map.inverse() * by_odometry).translation().norm();
-  way_m_ = now.way_m - then.way_m;
-  explained_m_ = 3.0 * std::sqrt(then.variance_m2 + now.variance_m2);
   last_ = now;
+}
+
+double OdometryDrift::drift_m() const {
+  if (!last_) return 0.0;
+  const Place& then = kept_.front();
+  const Pose by_map = then.T_map_base.inverse() * last_->T_map_base;
+  const Pose by_odometry = then.T_odom_base.inverse() * last_->T_odom_base;
+  return (by_map.inverse() * by_odometry).translation().norm();
+}
+
+double OdometryDrift::way_m() const { return last_ ? last_->way_m - kept_.front().way_m : 0.0; }
+
+bool OdometryDrift::exceeds(double limit_m) const {
+  if (!last_) return false;
+  const double variance_m2 = kept_.front().variance_m2 + last_->variance_m2;
+  return drift_m() > limit_m + 3.0 * std::sqrt(variance_m2);
 }
 
 }  // namespace zloam::integration

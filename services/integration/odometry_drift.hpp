@@ -20,15 +20,15 @@ class OdometryDrift {
   void forget();
 
   /// Distance between the two displacements over way_m().
-  double drift_m() const { return drift_m_; }
+  double drift_m() const;
   /// Way of the map's poses that the drift came about on: the last ten metres, or fewer.
-  double way_m() const { return way_m_; }
+  double way_m() const;
   /// Whether it is more than limit_m and what the map's covariances explain (three sigmas).
-  bool exceeds(double limit_m) const { return drift_m_ > limit_m + explained_m_; }
+  bool exceeds(double limit_m) const;
 
   template <class Bits>
   void each(Bits& bits) {
-    bits(kept_, last_, drift_m_, way_m_, explained_m_);
+    bits(kept_, last_);
   }
 
  private:
@@ -36,7 +36,7 @@ class OdometryDrift {
     Pose T_map_base = Pose::Identity();
     Pose T_odom_base = Pose::Identity();
     double variance_m2 = 0.0;
-    /// since the first place that is kept, m
+    /// of the map since the first place, m
     double way_m = 0.0;
 
     template <class Bits>
@@ -45,11 +45,9 @@ class OdometryDrift {
     }
   };
 
+  /// From the place that the last one is compared with; not empty if there is a last one.
   std::deque<Place> kept_;
   std::optional<Place> last_;
-  double drift_m_ = 0.0;
-  double way_m_ = 0.0;
-  double explained_m_ = 0.0;
 };
 
 }  // namespace zloam::integration
