@@ -29,7 +29,8 @@ void NewestSender::run() {
   std::unique_lock lock(mutex_);
   while (true) {
     changed_.wait(lock, [this] { return ends_ || waiting_; });
-    if (ends_) break;
+    // What waits at the end is sent as well.
+    if (!waiting_) break;
     const Message message = *std::exchange(waiting_, std::nullopt);
     lock.unlock();
     send_(message);

@@ -17,8 +17,9 @@ class NewestSender {
   /// payload, attachment
   using Message = std::pair<zenoh::Bytes, zenoh::Bytes>;
 
-  /// send() runs on a thread of its own and may take long. unblock() makes a running send() return;
-  /// it is called at the end, if send() does not return by itself within a second.
+  /// send() runs on a thread of its own and may take long. unblock() makes a running send(), and
+  /// those after it, return; it is called at the end, if the last message is not sent within a
+  /// second.
   NewestSender(std::function<void(const Message&)> send, std::function<void()> unblock);
   ~NewestSender();
   NewestSender(const NewestSender&) = delete;
