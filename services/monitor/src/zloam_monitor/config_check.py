@@ -27,20 +27,20 @@ class Verdict:
 
 def check(build: Path, config: Path, settings: Sequence[str]) -> Verdict:
     """Runs the check of every stage; a refusal by several stages is listed once."""
-    refusals: dict[str, None] = {}
+    refused: dict[str, None] = {}
     values: dict[str, Any] = {}
     for stage, program in readers(build).items():
         done = _asked(program, config, settings)
         if done.returncode == 0:
             values.update(json.loads(done.stdout))
         else:
-            refusals.update(dict.fromkeys(_said(stage, done)))
-    if not refusals:
+            refused.update(dict.fromkeys(_said(stage, done)))
+    if not refused:
         try:  # `demo` and `run` read it, too: a stage takes bytes of any encoding.
             robot_file.names(config, list(settings))
         except robot_file.RobotFileError as error:
-            refusals[str(error)] = None
-    return Verdict(list(refusals), values)
+            refused[str(error)] = None
+    return Verdict(list(refused), values)
 
 
 def refusals(

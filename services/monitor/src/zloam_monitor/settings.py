@@ -62,7 +62,7 @@ def meant(name: str, known: Iterable[str]) -> str:
     names = list(known)
     if name in names:
         return ""
-    nearest = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    nearest = _nearest(name, names, 3)
     if not nearest:
         # The end of a key without its section is what is remembered of it.
         nearest = [each for each in names if name and name in each][:3]
@@ -78,15 +78,15 @@ def stage_and_pairs(stage: str, texts: Iterable[str]) -> dict[str, str]:
     if equals:
         # A key begins with its stage's name, but for those that several stages have.
         section = key.split(".")[0]
-        whose = section if section in ROWS else (_nearest_stage(section) or "STAGE")
+        whose = next(iter(_nearest(section, ROWS, 1)), "STAGE")
         raise Misuse(f"set: a stage comes first: zloam set {whose} {' '.join([stage, *given])}")
     if not given:
         raise Misuse(f"set: KEY=VALUE is missing; zloam get {stage} lists keys and values")
     return pairs(given)
 
 
-def _nearest_stage(name: str) -> str | None:
-    return next(iter(difflib.get_close_matches(name, list(ROWS), n=1, cutoff=0.6)), None)
+def _nearest(name: str, known: Iterable[str], most: int) -> list[str]:
+    return difflib.get_close_matches(name, list(known), n=most, cutoff=0.6)
 
 
 def commanded(link: Link, stage: str, verb: str, arguments: Mapping[str, Any]) -> ReplyRecord:
